@@ -1,0 +1,62 @@
+# Everything runs in .venv, which is made by the first target that needs it.
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check format bench corpus screenshot clean
+.DELETE_ON_ERROR:
+
+ENV := .venv
+BIN := $(ENV)/bin
+MADE := $(ENV)/.made
+PYTHON ?=
+
+help:  ## list the targets
+	@grep -hE '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+): .*## (.*)/make \1\t\2/' | expand -t 18
+
+setup: $(MADE)  ## make the environment (every other target does this when it is needed)
+
+# Made anew when what is to be installed changes. Versions are those of constraints.txt.
+$(MADE): pyproject.toml constraints.txt
+	@for python in $(PYTHON) python3 python3.13 python3.12 python3.11 ''; do \
+	    "$$python" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && break; \
+	done; \
+	if [ -z "$$python" ]; then \
+	    echo "No Python from 3.11 on, with its venv module, was found. Install one (on Debian: python3 and" >&2; \
+	    echo "python3-venv), or name it: make PYTHON=/path/to/python3" >&2; \
+	    exit 1; \
+	fi; \
+	echo "making $(ENV) with $$python (once; some minutes where packages must be downloaded)"; \
+	"$$python" -m venv --clear $(ENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+demo: $(MADE)  ## improve a recorded path and write the comparison to out/
+	$(BIN)/replay optimize recordings/bay_01.mcap --out out
+	@echo
+	@echo "Look at it:  $(BIN)/rerun out/bay_01.rrd"
+
+test: $(MADE)  ## run the tests
+	$(BIN)/python -m pytest
+
+check: $(MADE)  ## everything that must pass: format, lint, types, tests
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/basedpyright
+	$(BIN)/python -m pytest
+
+format: $(MADE)  ## format the code
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+bench: $(MADE)  ## measure speed and quality
+	$(BIN)/python tools/bench/collision.py
+	$(BIN)/python tools/bench/steering.py
+	$(BIN)/python tools/bench/shortcut.py recordings/*.mcap
+
+corpus: $(MADE)  ## make the recorded logs in recordings/ again
+	$(BIN)/python tools/make_corpus.py
+
+screenshot: demo  ## make docs/overview.png from the demo's recording (needs a Vulkan driver)
+	$(BIN)/python tools/screenshot.py out/bay_01.rrd docs --tab Overview --timeline progress --at 600
+
+clean:  ## remove the environment, caches and output
+	rm -rf $(ENV) out .pytest_cache .ruff_cache .hypothesis build dist
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
