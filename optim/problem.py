@@ -1,0 +1,48 @@
+"""What every method is given: vehicle, scene, recorded path, weights, margin."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from optim.arrays import Array
+from optim.objective import Weights
+from optim.path import Path
+from optim.scene import Scene, clearance, swept_clearance
+from optim.vehicle import Vehicle
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Problem:
+    """Improve `recorded` in `scene`: same first state, same last state, less J."""
+
+    vehicle: Vehicle
+    scene: Scene
+    recorded: Path
+    weights: Weights = field(default_factory=Weights)
+    margin: float = 0.1
+    """Clearance to keep from every obstacle [m]: swept clearance >= min(margin, the recorded path's own)."""
+    nodes: Array | None = None
+    """Arc lengths of the recorded path [m] at which the planner's tree nodes lie. Shape (K,), or None if unknown."""
+
+    @cached_property
+    def recorded_clearance(self) -> float:
+        """Smallest swept clearance of the recorded path [m], both bodies; negative where it overlaps."""
+        return path_clearance(self.vehicle, self.scene, self.recorded)
+
+    @cached_property
+    def required_clearance(self) -> float:
+        """Swept clearance that a result must have [m]: the margin, or less where the recorded path itself has less.
+
+        A recorded path that collides on its way does not lower the requirement below what its ends allow.
+        """
+        if self.recorded_clearance >= 0.0:
+            return min(self.margin, self.recorded_clearance)
+        ends = [self.recorded.start, self.recorded.goal]
+        return max(0.0, min(self.margin, *(float(clearance(self.scene, self.vehicle, q[None]).min()) for q in ends)))
+
+
+def path_clearance(vehicle: Vehicle, scene: Scene, path: Path) -> float:
+    """Smallest swept clearance of a path [m]: a proven lower bound, both bodies, between samples too."""
+    values = [
+        swept_clearance(scene, vehicle, segment.s, segment.states, segment.phi).min() for segment in path.segments
+    ]
+    return float(min(values))
