@@ -1,0 +1,56 @@
+"""Errors that a user meets: one line each, with a stable code and an exit status.
+
+Everything a log, a file name or a results file contributes to such a line passes through `printable`,
+so that no file can move the cursor, hide text or forge another line on a terminal.
+"""
+
+import os
+
+ERROR_LENGTH = 1200  # characters; a longer line no longer tells anybody anything
+
+
+def printable(text: object, limit: int = 200) -> str:
+    """`text` with every control, bidirectional or otherwise invisible character escaped, cut at `limit` characters."""
+    raw = str(text)
+    shown = raw if len(raw) <= limit else raw[: limit - 1] + "…"
+    if shown.isprintable():
+        return shown
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in shown)
+
+
+class ReplayError(Exception):
+    """What a user can understand and mend: `str()` is one line, `code` never changes its meaning.
+
+    Args:
+        code: stable identifier such as ``E_NO_MAP``, for programs and for searching.
+        message: what was found, where, what was expected, and which choices there are.
+    """
+
+    exit_status: int = 2
+
+    def __init__(self, code: str, message: str) -> None:
+        self.code = code
+        self.message = printable(message, ERROR_LENGTH)
+        super().__init__(self.message)
+
+    def __str__(self) -> str:
+        return f"{self.message} [{self.code}]"
+
+
+class LogError(ReplayError):
+    """A log that cannot be used. The line begins with the file's name."""
+
+    def __init__(self, code: str, path: str | os.PathLike[str], message: str) -> None:
+        self.path = os.fspath(path)
+        super().__init__(code, f"{printable(self.path)}: {message}")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # Exceptions travel between processes; the default would call __init__ with the finished line only.
+        return _restore, (type(self), self.code, self.path, self.message)
+
+
+def _restore(kind: type[LogError], code: str, path: str, message: str) -> LogError:
+    error = kind.__new__(kind)
+    ReplayError.__init__(error, code, message)
+    error.path = path
+    return error

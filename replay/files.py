@@ -1,0 +1,92 @@
+"""Writing files so that an output path either does not exist or holds a complete file.
+
+Whatever is written goes to `.NAME.PID.tmp` in the same directory first, is synced, and takes its name in one step
+(`os.replace`); then the directory is synced, so that the name survives a power failure too. A process that is
+killed leaves at most its temporary file, which the next writer of the same name removes.
+"""
+
+import contextlib
+import errno
+import os
+import pathlib
+import re
+from collections.abc import Iterator
+
+from replay.errors import ReplayError
+
+WRITE_ERROR = "E_WRITE"
+
+
+@contextlib.contextmanager
+def atomic_write(path: str | os.PathLike[str]) -> Iterator[pathlib.Path]:
+    """Give the path of an empty temporary file; when the block ends well, it becomes `path`, else it is removed.
+
+    The block may write by path or replace the file, and should verify what it wrote. An OSError (no permission, no
+    such folder, disk full), in the block too, becomes a `ReplayError` (E_WRITE) of one line; other exceptions pass.
+    """
+    target = pathlib.Path(path)
+    if target.name in ("", "..") or "\0" in str(target):
+        raise ReplayError(WRITE_ERROR, f"{target} cannot be a file's name")
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    try:
+        with _removed_on_failure(temporary):
+            _remove_leftovers(target)
+            _create(temporary)
+            yield temporary
+            _sync(temporary)
+            temporary.replace(target)
+        _sync_directory(target.parent)
+    except OSError as error:
+        reason = error.strerror or str(error) or type(error).__name__
+        raise ReplayError(WRITE_ERROR, f"{target}: cannot be written: {reason}") from error
+
+
+@contextlib.contextmanager
+def _removed_on_failure(temporary: pathlib.Path) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:  # Ctrl-C included
+        with contextlib.suppress(OSError):  # the first failure is the one to report
+            temporary.unlink()
+        raise
+
+
+def _create(temporary: pathlib.Path) -> None:
+    """A new empty file, never what somebody else put there: the name can be guessed, and could be a link."""
+    temporary.unlink(missing_ok=True)
+    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+
+
+def _remove_leftovers(target: pathlib.Path) -> None:
+    """Remove temporary files of this name whose process has gone."""
+    pattern = re.compile(re.escape(f".{target.name}.") + r"(\d{1,10})\.tmp")
+    for name in os.listdir(target.parent):  # noqa: PTH208 - a folder of results may hold tens of thousands
+        match = pattern.fullmatch(name)
+        if match and not _is_running(int(match[1])):
+            target.with_name(name).unlink(missing_ok=True)
+
+
+def _is_running(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        pass  # running, as somebody else's
+    return True
+
+
+def _sync(path: pathlib.Path) -> None:
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
+
+
+def _sync_directory(path: pathlib.Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # a file system that does not sync directories; the file itself is safe
+            raise
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,72 @@
+"""Reading JSON from anywhere: bounded, and strict where Python's parser is lenient.
+
+Python accepts NaN and Infinity, turns 1e999 into inf, keeps the last of repeated keys, and raises RecursionError
+for deep nesting. Here each of these is an error, of one line.
+"""
+
+import json
+import math
+import os
+import pathlib
+import stat
+from typing import Any
+
+
+class JsonError(Exception):
+    """A file that holds no acceptable JSON; `str()` says why, without the file's name."""
+
+
+def read_json(path: str | os.PathLike[str], largest: int) -> Any:
+    """The data of a JSON file of at most `largest` bytes. Raises JsonError."""
+    return parse_json(_content(pathlib.Path(path), largest))
+
+
+def parse_json(text: str) -> Any:
+    """The data of strict JSON. Raises JsonError."""
+    try:
+        return json.loads(text, object_pairs_hook=_object, parse_constant=_constant, parse_float=_float)
+    except json.JSONDecodeError as error:
+        raise JsonError(f"not JSON: {error}") from None
+    except RecursionError:
+        raise JsonError("nested too deeply") from None
+    except ValueError as error:  # an integer of thousands of digits
+        raise JsonError(str(error)) from None
+
+
+def _content(path: pathlib.Path, largest: int) -> str:
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):  # a pipe would block
+            raise JsonError("not a file")
+        with path.open("rb") as file:
+            content = file.read(largest + 1) if status.st_size <= largest else b""
+    except OSError as error:
+        raise JsonError(error.strerror or str(error)) from None
+    except ValueError as error:  # a null character in the name
+        raise JsonError(str(error)) from None
+    if max(len(content), status.st_size) > largest:
+        raise JsonError(f"larger than {largest} bytes")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise JsonError(f"not UTF-8 at byte {error.start}") from None
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    entries = dict(pairs)
+    if len(entries) < len(pairs):
+        seen: set[str] = set()
+        repeated = next(key for key, _ in pairs if key in seen or seen.add(key))
+        raise JsonError(f"the key {repeated[:40]!r} is there twice")
+    return entries
+
+
+def _constant(name: str) -> float:
+    raise JsonError(f"{name} is not JSON, expected a number or null")
+
+
+def _float(digits: str) -> float:
+    value = float(digits)
+    if math.isinf(value):
+        raise JsonError(f"{digits[:40]} is beyond the range of a float64")
+    return value

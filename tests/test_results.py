@@ -1,0 +1,338 @@
+"""Results files hold a run exactly, are read with suspicion, and are audited from their own content alone."""
+
+import contextlib
+import copy
+import dataclasses
+import json
+import math
+import os
+import pathlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from paths import random_path
+
+import replay.results
+from optim.path import Path, roll_out_segment
+from optim.problem import Problem
+from optim.result import Iterate, OnIterate, Result, Stop, ignore
+from optim.scene import make_scene
+from optim.vehicle import Vehicle
+from replay.case import Case, ReadReport
+from replay.errors import ReplayError
+from replay.results import (
+    audit_results,
+    path_from_document,
+    path_to_document,
+    read_results,
+    scene_to_document,
+    to_document,
+    write_results,
+)
+from replay.run import Run, run_case
+
+Document = dict[str, Any]
+VEHICLE = Vehicle()
+
+
+def straight(*lengths: float) -> Path:
+    """Along the x axis from the origin, forward where positive."""
+    segments, state = [], np.zeros(4)
+    for length in lengths:
+        s = np.linspace(0.0, abs(length), math.ceil(abs(length) / 0.1) + 1)
+        segments.append(roll_out_segment(VEHICLE, state, 1 if length > 0 else -1, s, np.zeros(len(s))))
+        state = segments[-1].states[-1]
+    return Path(tuple(segments))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Answer:
+    """A method that knows its answer."""
+
+    path: Path
+    stop: Stop = Stop.CONVERGED
+
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        on_iterate(Iterate(iteration=0, path=problem.recorded, objective=30.0, step=math.inf))
+        return Result(path=self.path, stop=self.stop, reason="Nothing was left to do.", iterations=1)
+
+
+RECORDED = straight(10.0, -5.0, 5.0)
+
+
+def make_run(log: str = "bay_01.mcap", boundary: Any = None) -> Run:
+    polygons = [
+        np.array([[-5.0, 3.0], [20.0, 3.0], [20.0, 4.0], [-5.0, 4.0]]),
+        np.array([[0.0, -9.0], [1.0, -9.0], [0.0, -8.0]]),
+    ]
+    problem = Problem(vehicle=VEHICLE, scene=make_scene(polygons, boundary=boundary), recorded=RECORDED)
+    read = ReadReport(poses=41, hitch="reconstructed", max_deviation_m=0.01, max_deviation_rad=0.001, notes=("odd",))
+    case = Case(
+        name="bay_01/0", log=pathlib.Path(log), sha256="ab" * 32, problem=problem, read=read, map=None, frame="map"
+    )
+    methods = {
+        "better": Answer(path=straight(10.0)),
+        "same": Answer(path=RECORDED),
+        "wrong": Answer(path=straight(9.0)),
+        "broken": Answer(path=RECORDED, stop=Stop.FAILED),
+    }
+    run = run_case(case, methods)
+    return dataclasses.replace(run, options={"better": {"window": 3.0, "kind": ("a", "b")}}, seed=7)
+
+
+RUN = make_run()
+
+
+def written(tmp_path: pathlib.Path, document: Document) -> pathlib.Path:
+    path = tmp_path / "bay_01.results.json"
+    write_results(path, document)
+    return path
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Document:
+    return read_results(written(tmp_path_factory.mktemp("stored"), to_document(RUN)))
+
+
+# Writing, and reading back.
+
+
+def test_a_document_has_the_fields_of_the_schema(stored: Document) -> None:
+    schema = {"schema", "log", "tool", "vehicle", "scene", "recorded", "read", "methods"}
+    assert set(stored) - schema == {"weights", "recorded_metrics", "recorded_audit"}, "these are additive"
+    assert schema <= set(stored)
+    assert stored["schema"] == "replay.results/1"
+    assert stored["log"] == {"path": "bay_01.mcap", "sha256": "ab" * 32, "case": "bay_01/0"}
+    assert stored["tool"]["seed"] == 7
+    assert stored["tool"]["options"] == {"better": {"window": 3.0, "kind": ["a", "b"]}}
+    assert stored["tool"]["packages"]["numpy"] == np.__version__
+    assert stored["vehicle"] == dataclasses.asdict(VEHICLE)
+    assert stored["scene"]["margin"] == 0.1
+    assert stored["scene"]["frame"] == "map"
+    assert stored["read"]["notes"] == ["odd"]
+    assert [method["status"] for method in stored["methods"]] == ["improved", "kept", "kept", "failed"]
+    fields = {"name", "status", "stop", "reason", "path", "metrics", "audit", "iterations", "wall_s", "history"}
+    assert set(stored["methods"][0]) - fields == {"rejected"}
+    assert fields <= set(stored["methods"][0])
+
+
+def test_paths_come_back_bit_for_bit(tmp_path: pathlib.Path) -> None:
+    path = random_path(VEHICLE, (5.0, 4.0), seed=9)
+    document = to_document(RUN) | {"recorded": path_to_document(path)}
+    again = path_from_document(read_results(written(tmp_path, document))["recorded"])
+    assert len(again.segments) == len(path.segments)
+    for one, other in zip(path.segments, again.segments, strict=True):
+        assert one.direction == other.direction
+        for key in ("s", "x", "y", "theta", "alpha", "phi"):
+            np.testing.assert_array_equal(getattr(one, key), getattr(other, key), strict=True)
+
+
+def test_the_same_document_makes_the_same_bytes_with_sorted_keys(tmp_path: pathlib.Path, stored: Document) -> None:
+    first = written(tmp_path, stored).read_bytes()
+    shuffled = dict(reversed(stored.items()))
+    assert written(tmp_path, shuffled).read_bytes() == first
+    keys = list(json.loads(first))
+    assert keys == sorted(keys)
+    assert first.endswith(b"}\n")
+
+
+def test_what_is_not_finite_becomes_null(stored: Document) -> None:
+    assert stored["methods"][0]["history"][0]["step"] is None
+
+
+def test_numpy_numbers_and_arrays_become_plain_ones(tmp_path: pathlib.Path, stored: Document) -> None:
+    extra = {
+        "a": np.float64(0.1),
+        "b": np.int64(3),
+        "c": np.array([1.0, np.nan]),
+        "d": np.bool_(True),
+        "e": Stop.STALLED,
+    }
+    extra["f"] = pathlib.Path("x/y")
+    again = read_results(written(tmp_path, stored | {"extra": extra}))["extra"]
+    assert again == {"a": 0.1, "b": 3, "c": [1.0, None], "d": True, "e": "stalled", "f": "x/y"}
+    with pytest.raises(TypeError, match="complex has no place"):
+        written(tmp_path, stored | {"extra": 1j})
+
+
+def test_text_of_any_language_and_file_names_that_are_no_text_survive(tmp_path: pathlib.Path) -> None:
+    name = os.fsdecode("Höfe_倉庫_\udcff.mcap".encode("utf-8", "surrogateescape"))
+    document = to_document(dataclasses.replace(RUN, case=dataclasses.replace(RUN.case, log=pathlib.Path(name))))
+    path = written(tmp_path, document)
+    path.read_bytes().decode("utf-8")
+    assert read_results(path)["log"]["path"] == name
+
+
+def test_the_boundary_is_stored_where_there_is_one(stored: Document) -> None:
+    assert stored["scene"]["boundary"] is None
+    outline = [[-30.0, -30.0], [30.0, -30.0], [30.0, 30.0], [-30.0, 30.0]]
+    run = make_run(boundary=outline)
+    assert sorted(scene_to_document(run.case.problem.scene)["boundary"]) == sorted(outline)
+    assert [verdict.confirmed for verdict in audit_results(to_document(run))] == [True] * 5
+
+
+def test_a_folder_that_is_missing_is_one_line(tmp_path: pathlib.Path) -> None:
+    with pytest.raises(ReplayError, match="cannot be written: No such file"):
+        write_results(tmp_path / "missing" / "bay.json", to_document(RUN))
+
+
+# Reading what may be anything.
+
+
+def without(key: str) -> Callable[[Document], Document]:
+    return lambda document: {name: value for name, value in document.items() if name != key}
+
+
+def with_method(key: str, value: Any) -> Callable[[Document], Document]:
+    def change(document: Document) -> Document:
+        document = copy.deepcopy(document)
+        document["methods"][1][key] = value
+        return document
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda document: [document], "holds a list"),
+        (lambda document: document | {"schema": "replay.results/2"}, "schema is 'replay.results/2'"),
+        (without("schema"), "schema is 'None'"),
+        (without("vehicle"), "vehicle is missing"),
+        (without("weights"), "weights is missing"),
+        (lambda document: document | {"recorded": []}, "recorded is a list, expected a dict"),
+        (lambda document: document | {"methods": {}}, "methods is a dict, expected a list"),
+        (lambda document: document | {"methods": [1]}, r"methods\[0\] is a int"),
+        (with_method("name", 3), r"methods\[1\].name is a int"),
+        (with_method("name", "better"), "two methods have one name"),
+        (with_method("status", "splendid"), "status is 'splendid', expected one of improved, kept, failed"),
+        (with_method("path", None), r"methods\[1\].path is a NoneType"),
+    ],
+)
+def test_what_is_no_results_document_is_said_in_one_line(
+    tmp_path: pathlib.Path, stored: Document, change: Callable[[Document], Any], said: str
+) -> None:
+    path = tmp_path / "bad.json"
+    path.write_text(json.dumps(change(stored)), encoding="utf-8")
+    with pytest.raises(ReplayError, match=said) as caught:
+        read_results(path)
+    assert caught.value.code == "E_RESULTS"
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(ReplayError, match=said):
+        audit_results(change(stored))
+
+
+@pytest.mark.parametrize(
+    ("content", "said"), [(b"hello", "not JSON"), (b'{"a": NaN}', "NaN is not JSON"), (b"[" * 200_000, "too deeply")]
+)
+def test_what_is_no_json_is_a_results_error(tmp_path: pathlib.Path, content: bytes, said: str) -> None:
+    path = tmp_path / "bad.json"
+    path.write_bytes(content)
+    with pytest.raises(ReplayError, match=said) as caught:
+        read_results(path)
+    assert caught.value.code == "E_RESULTS"
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_a_file_that_is_too_large_is_not_read(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path, to_document(RUN))
+    monkeypatch.setattr(replay.results, "LARGEST_FILE", path.stat().st_size - 1)
+    with pytest.raises(ReplayError, match="larger than"):
+        read_results(path)
+
+
+def test_no_part_of_a_file_is_taken_for_the_whole(tmp_path: pathlib.Path) -> None:
+    content = written(tmp_path, to_document(RUN)).read_bytes().rstrip()
+    path = tmp_path / "part.json"
+    for length in np.random.default_rng(0).integers(0, len(content), 40):
+        path.write_bytes(content[:length])
+        with pytest.raises(ReplayError):
+            read_results(path)
+
+
+@settings(max_examples=60, deadline=None)
+@given(place=st.floats(0.0, 1.0, exclude_max=True), bit=st.integers(0, 7))
+def test_a_flipped_bit_is_an_error_or_a_document_that_can_be_audited(
+    tmp_path_factory: pytest.TempPathFactory, place: float, bit: int
+) -> None:
+    folder = tmp_path_factory.getbasetemp()
+    content = bytearray(written(folder, to_document(RUN)).read_bytes())
+    content[int(place * len(content))] ^= 1 << bit
+    path = folder / "flipped.json"
+    path.write_bytes(content)
+    with contextlib.suppress(ReplayError):
+        audit_results(read_results(path))
+
+
+@pytest.mark.parametrize(
+    "document",
+    [{}, {"segments": 3}, {"segments": [{}]}, {"segments": []}, {"segments": [{"direction": 1, "s": "ab"}]}, []],
+)
+def test_what_is_no_path_is_said_in_one_line(document: Any) -> None:
+    with pytest.raises(ReplayError, match="not a path"):
+        path_from_document(document)
+
+
+# The audit, repeated.
+
+
+def test_an_honest_file_is_confirmed(stored: Document) -> None:
+    verdicts = audit_results(stored)
+    assert [verdict.name for verdict in verdicts] == ["recorded", "better", "same", "wrong", "broken"]
+    assert all(verdict.report.passed for verdict in verdicts)
+    assert [verdict.differences for verdict in verdicts] == [()] * 5
+
+
+def test_a_file_without_the_recorded_metrics_can_be_audited(stored: Document) -> None:
+    document = {key: value for key, value in stored.items() if not key.startswith("recorded_")}
+    assert all(verdict.report.passed and verdict.confirmed for verdict in audit_results(document))
+
+
+def test_a_path_that_is_not_sound_and_not_called_so_is_confirmed(stored: Document) -> None:
+    """The recorded path may break a limit; a file that says so is honest."""
+    problem = dataclasses.replace(RUN.case.problem, vehicle=Vehicle(truck_front=4.0, truck_width=6.5))
+    run = run_case(dataclasses.replace(RUN.case, problem=problem), {"same": Answer(path=RECORDED)})
+    verdicts = audit_results(to_document(run))
+    assert [verdict.report.failed for verdict in verdicts] == [("clearance",)] * 2
+    assert all(verdict.confirmed for verdict in verdicts)
+
+
+def tampered(stored: Document, *keys: Any, value: Any) -> Document:
+    document = copy.deepcopy(stored)
+    node = document
+    for key in keys[:-1]:
+        node = node[key]
+    node[keys[-1]] = value
+    return document
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "name", "said"),
+    [
+        (("methods", 0, "audit", "passed"), False, "better", "stored audit does not say passed"),
+        (("methods", 0, "audit", "checks", "goal", "passed"), False, "better", "check 'goal' is not confirmed"),
+        (("methods", 0, "audit", "checks", "magic"), {"passed": True}, "better", "check 'magic' is not confirmed"),
+        (("methods", 0, "audit"), {}, "better", "stored audit does not say passed"),
+        (("methods", 0, "metrics", "objective"), 1.0, "better", "repeated: objective"),
+        (("methods", 0, "metrics"), {}, "better", "repeated: objective"),
+        (("methods", 0, "path", "segments", 0, "x", 50), 9.0, "better", "repeated: defect"),
+        (("methods", 0, "path"), path_to_document(RECORDED), "better", "is 'improved', but J is"),
+        (("methods", 1, "status"), "improved", "same", "is 'improved', but J is"),
+        (("methods", 1, "path"), path_to_document(straight(10.0)), "same", "the path is not the recorded one"),
+        (("vehicle", "truck_width"), 6.5, "better", "repeated: clearance"),
+        (("vehicle", "wheelbase"), "3.6", "better", "repeated: structure"),
+        (("recorded_metrics", "objective"), 1.0, "recorded", "repeated: objective"),
+        (("recorded_audit", "passed"), False, "recorded", "stored audit does not say passed"),
+    ],
+)
+def test_a_claim_that_does_not_hold_is_found(
+    stored: Document, keys: tuple[Any, ...], value: Any, name: str, said: str
+) -> None:
+    verdicts = {verdict.name: verdict for verdict in audit_results(tampered(stored, *keys, value=value))}
+    assert any(said in line for line in verdicts[name].differences), verdicts[name].differences
+    assert not verdicts[name].confirmed
