@@ -1,0 +1,135 @@
+"""What is wrong with a recorded path: what forbids its use, and what is worth telling."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from optim.arrays import Array
+from optim.fit import Fit
+from optim.problem import Problem
+from optim.scene import clearance, witnesses
+from replay.logs.planar import Refusal
+from replay.logs.poses import RecordedPoses
+
+LARGEST_DEFECT = 1e-4
+"""Break of the kinematics over one step beyond which the fit is no path [m or rad]; the audit's tolerance."""
+NOTED_DEVIATION = 0.05
+"""Distance of the fitted path from the log's poses from which a note names the place [m]."""
+NOTED_TURN = 0.02
+"""The same for headings and hitch angles [rad]."""
+LIMIT_SLACK = 1.001
+"""Limits may be exceeded by this factor before a note says so, as in the audit."""
+BODIES = ("truck", "trailer")
+
+
+def check_fit(fit: Fit) -> None:
+    """Raise Refusal (E_KINEMATICS) if no drivable path was found near the poses."""
+    if fit.defect <= LARGEST_DEFECT:
+        return
+    row = int(np.argmax(fit.position_error))
+    text = (
+        f"no drivable path was found near its poses: the kinematics break by {fit.defect:.2g} m or rad, and pose {row} "
+        f"is {fit.position_error[row]:.2f} m away"
+    )
+    raise Refusal("E_KINEMATICS", text)
+
+
+def check_ends(problem: Problem, hint: Callable[[Array], str]) -> None:
+    """Raise Refusal (E_START_COLLISION, E_GOAL_COLLISION) if an end of the recorded path overlaps an obstacle.
+
+    hint: called with a point of the obstacle; what a user may try, or an empty text.
+    """
+    states = np.stack([problem.recorded.start, problem.recorded.goal])
+    near = witnesses(problem.scene, problem.vehicle, states)
+    for row, (code, name) in enumerate([("E_START_COLLISION", "first"), ("E_GOAL_COLLISION", "last")]):
+        body = int(np.argmin(near.distance[row]))
+        depth = -near.distance[row, body]
+        if depth > 0.0:
+            x, y = states[row, :2]
+            at = near.on_obstacle[row, body]
+            text = (
+                f"at its {name} pose ({x:.2f}, {y:.2f}) m the {BODIES[body]} overlaps obstacle "
+                f"{near.polygon[row, body]} at ({at[0]:.2f}, {at[1]:.2f}) m by {depth:.3f} m"
+            )
+            raise Refusal(code, text + hint(at))
+
+
+def deviation(plane: Array, recorded: RecordedPoses, fit: Fit) -> tuple[float, float]:
+    """Largest distance [m] and difference in heading [rad] of the fitted path from all poses (m, 3) of the log.
+
+    For poses that the fit did not use, the distance is taken across the path, at the arc length in proportion.
+    """
+    samples = fit.path.samples
+    travel = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(plane[:, :2], axis=0).T))])
+    s = np.interp(travel, travel[recorded.kept], fit.pose_s)
+    x, y, theta = (np.interp(s, samples.s, samples.states[:, column]) for column in range(3))
+    across = np.abs(np.cos(theta) * (plane[:, 1] - y) - np.sin(theta) * (plane[:, 0] - x))
+    return max(float(fit.position_error.max()), float(across.max())), float(fit.heading_error.max())
+
+
+def check_recorded(problem: Problem, recorded: RecordedPoses, fit: Fit, alpha: Array | None) -> list[str]:
+    """One line for each thing that is wrong with a recorded path that can be used all the same.
+
+    alpha: logged hitch angles at the poses (n,), or None.
+    """
+    notes = [
+        *_deviations(recorded, fit),
+        *_limits(problem, recorded, fit),
+        *_collisions(problem, recorded, fit),
+    ]
+    if alpha is None and np.abs(problem.recorded.samples.states[:, 3]).max() >= np.pi / 2.0:
+        notes.append("the hitch angle that the motion asks for reaches 90 degrees; is the initial hitch angle right?")
+    return notes
+
+
+def _place(recorded: RecordedPoses, fit: Fit, s: float) -> str:
+    row = int(np.argmin(np.abs(fit.pose_s - s)))
+    return f"at {s:.2f} m, pose {recorded.kept[row]}"
+
+
+def _deviations(recorded: RecordedPoses, fit: Fit) -> list[str]:
+    notes = []
+    for errors, what, unit, limit in (
+        (fit.position_error, "position", "m", NOTED_DEVIATION),
+        (fit.heading_error, "heading", "rad", NOTED_TURN),
+        (fit.hitch_error, "hitch angle", "rad", NOTED_TURN),
+    ):
+        if len(errors) and errors.max() > limit:
+            row = int(np.argmax(errors))
+            where = _place(recorded, fit, float(fit.pose_s[row]))
+            notes.append(f"the drivable path differs from the log in {what} by {errors[row]:.3f} {unit} ({where})")
+    return notes
+
+
+def _limits(problem: Problem, recorded: RecordedPoses, fit: Fit) -> list[str]:
+    samples, vehicle = problem.recorded.samples, problem.vehicle
+    ds = np.diff(samples.s)
+    same = (np.diff(samples.segment) == 0) & (ds > 0.0)
+    rate = np.where(same, np.abs(np.diff(samples.phi)) / np.where(same, ds, 1.0), 0.0)
+    notes = []
+    for values, limit, what, unit in (
+        (np.abs(samples.phi), vehicle.max_steer, "the steering angle", "rad"),
+        (np.abs(samples.states[:, 3]), vehicle.max_hitch, "the hitch angle", "rad"),
+        (rate, vehicle.max_steer_rate, "the steering rate", "rad/m"),
+    ):
+        worst = int(np.argmax(values))
+        if values[worst] > limit * LIMIT_SLACK:
+            where = _place(recorded, fit, float(samples.s[worst]))
+            notes.append(f"{what} reaches {values[worst]:.3f} {unit}, the limit is {limit:g} {unit} ({where})")
+    return notes
+
+
+def _collisions(problem: Problem, recorded: RecordedPoses, fit: Fit) -> list[str]:
+    samples = problem.recorded.samples
+    distance = clearance(problem.scene, problem.vehicle, samples.states)
+    least = distance.min(axis=1)
+    worst = int(np.argmin(least))
+    body = BODIES[int(np.argmin(distance[worst]))]
+    where = _place(recorded, fit, float(samples.s[worst]))
+    if least[worst] < 0.0:
+        share = f"{100.0 * np.mean(least < 0.0):.0f} % of its way"
+        return [f"the recorded path overlaps obstacles on {share}, the {body} by {-least[worst]:.3f} m ({where})"]
+    if least[worst] < problem.margin:
+        near = f"comes within {least[worst]:.3f} m of an obstacle, the margin is {problem.margin:g} m"
+        return [f"the recorded path {near} ({where})"]
+    return []

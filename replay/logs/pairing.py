@@ -1,0 +1,98 @@
+"""Which path is the trailer's, and where the trailer was at each pose of the truck."""
+
+import numpy as np
+
+from optim.arrays import Array, IntArray
+from replay.logs.planar import Refusal
+from replay.logs.ros2 import PoseSeries
+
+TOLERANCE = 0.2
+"""Largest median distance of the trailer's axle from where the hitch puts it [m]."""
+_DENSITY = 4  # points per recorded trailer pose in the search by arc length
+_MAX_TABLE = 20_000_000  # entries of the table of that search
+
+
+def trailer_at_poses(
+    truck: Array, truck_series: PoseSeries, trailer: Array, trailer_series: PoseSeries, hitch_to_axle: float
+) -> Array:
+    """The trailer's axle (x, y, heading) at each of n truck poses (n, 3), from m trailer poses (m, 3). Shape (n, 3).
+
+    By stamp where stamps differ, else by index where the counts agree, else by the arrangement along both paths
+    that fits the hitch best.
+
+    Raises:
+        Refusal: the trailer's path ends before the truck's does.
+    """
+    trailer = np.column_stack([trailer[:, :2], np.unwrap(trailer[:, 2])])
+    if np.ptp(truck_series.stamps) > 0 and np.ptp(trailer_series.stamps) > 0:
+        return _by_stamp(truck_series.stamps, trailer, trailer_series.stamps)
+    if len(truck) == len(trailer):
+        return trailer
+    return _by_arrangement(truck, trailer, hitch_to_axle)
+
+
+def hitch_misfit(truck: Array, trailer: Array, hitch_to_axle: float) -> Array:
+    """Distance of each trailer axle from the place behind the hitch that its heading asks for [m]. Shape (n,)."""
+    ahead = hitch_to_axle * np.stack([np.cos(trailer[:, 2]), np.sin(trailer[:, 2])], axis=1)
+    return np.hypot(*(truck[:, :2] - ahead - trailer[:, :2]).T)
+
+
+def hitch_angles(truck: Array, trailer: Array) -> Array:
+    """Trailer heading minus truck heading, continuous [rad]. Shape (n,).
+
+    Raises:
+        Refusal: a right angle or more somewhere; no trailer is towed like that.
+    """
+    angle = trailer[:, 2] - truck[:, 2]
+    alpha = np.unwrap(np.arctan2(np.sin(angle), np.cos(angle)))
+    row = int(np.argmax(np.abs(alpha)))
+    if abs(alpha[row]) >= np.pi / 2.0:
+        raise Refusal(
+            "E_HITCH",
+            f"pose {row}: the hitch angle is {np.degrees(alpha[row]):.0f} degrees, expected below 90",
+        )
+    return alpha
+
+
+def _by_stamp(stamps: IntArray, trailer: Array, trailer_stamps: IntArray) -> Array:
+    start = min(stamps[0], trailer_stamps[0])
+    t, t_trailer = (
+        (stamps - start) * 1e-9,
+        (trailer_stamps - start) * 1e-9,
+    )  # differences: exact below 104 days
+    slack = 1e-3 + float(np.median(np.diff(t_trailer))) if len(t_trailer) > 1 else 1e-3
+    covered = (t >= t_trailer[0] - slack) & (t <= t_trailer[-1] + slack)
+    if not covered.all():
+        row = int(np.argmin(covered))
+        share = f"{np.count_nonzero(covered)} of {len(t)} truck poses"
+        text = f"the trailer's path has stamps for {share}; pose {row} has none"
+        raise Refusal("E_PATH_PAIR", text)
+    return np.stack([np.interp(t, t_trailer, column) for column in trailer.T], axis=1)
+
+
+def _by_arrangement(truck: Array, trailer: Array, hitch_to_axle: float) -> Array:
+    """Both paths are run through once, monotonically, so that the sum of squared misfits is least.
+
+    Dynamic programming over (truck pose, point of the densified trailer path):
+    D[i, j] = misfit[i, j]^2 + min over k <= j of D[i - 1, k].
+    """
+    if len(trailer) < 2:
+        raise Refusal("E_PATH_PAIR", f"the trailer's path has {len(trailer)} poses, the truck's {len(truck)}")
+    density = min(_DENSITY, max(1, _MAX_TABLE // (len(truck) * len(trailer))))
+    if len(truck) * len(trailer) > _MAX_TABLE:
+        raise Refusal("E_PATH_PAIR", f"{len(truck)} and {len(trailer)} poses without stamps are too many to pair")
+    place = np.arange((len(trailer) - 1) * density + 1) / density
+    dense = np.stack([np.interp(place, np.arange(len(trailer)), column) for column in trailer.T], axis=1)
+    hitch = dense[:, :2] + hitch_to_axle * np.stack([np.cos(dense[:, 2]), np.sin(dense[:, 2])], axis=1)
+    best = np.zeros(len(dense))
+    choice = np.empty((len(truck), len(dense)), np.int32)
+    for i, point in enumerate(truck[:, :2]):
+        running = np.minimum.accumulate(best)
+        is_new = np.concatenate([[True], best[1:] < running[:-1]])
+        choice[i] = np.maximum.accumulate(np.where(is_new, np.arange(len(best)), 0))
+        best = running + np.sum((hitch - point) ** 2, axis=1)
+    rows = np.empty(len(truck), np.int64)
+    rows[-1] = int(np.argmin(best))
+    for i in range(len(truck) - 1, 0, -1):
+        rows[i - 1] = choice[i, rows[i]]
+    return dense[rows]

@@ -1,0 +1,248 @@
+"""From the poses of one path message to what a fit can use: in the plane, distinct, with headings and gears."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optim.arrays import Array, IntArray, frozen, frozen_int
+from replay.logs.planar import Refusal, planar
+from replay.logs.ros2 import PoseSeries
+
+LARGEST_COORDINATE = 1e6
+"""Distance from the map beyond which a pose is no place [m]."""
+LARGEST_STEP = 2.0
+"""Distance between neighbouring poses beyond which the path is not continuous [m]."""
+SMALLEST_STEP = 0.005
+"""Poses nearer to the one before are repetitions of it [m]: below it, noise decides about direction and gear."""
+THINNED_TO = 0.1
+"""Poses nearer to each other are thinned out to about this distance [m]: that of the fitted path's samples."""
+SHORTEST_GEAR = 0.02
+"""Travel below which a change of gear is noise [m]."""
+LARGEST_SLIP = np.radians(15.0)
+"""Median angle between heading and motion beyond which the headings cannot be headings [rad]."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RecordedPoses:
+    """Distinct poses of a path. n >= 2."""
+
+    poses: Array
+    """x, y [m], heading [rad, unwrapped]. Shape (n, 3)."""
+    direction: IntArray
+    """Gear of each interval, 1 or -1. Shape (n - 1,)."""
+    kept: IntArray
+    """Index of each pose in the message. Shape (n,)."""
+    nearest: IntArray
+    """For each pose of the message, the row of `poses` that stands for it. Shape (num_poses,)."""
+    notes: tuple[str, ...]
+
+
+def to_plane(series: PoseSeries, centre: Array) -> tuple[Array, list[str]]:
+    """x, y [m], yaw [rad] of every pose, shape (m, 3), and notes. `centre`: a point of the map [m].
+
+    Raises:
+        Refusal: no poses, not finite, not planar, too far away, or stamps that run backwards.
+    """
+    if len(series.poses) == 0:
+        raise Refusal("E_PATH_EMPTY", "it has no poses")
+    poses, notes = planar(series.poses, "pose")
+    far = np.abs(poses[:, :2] - centre).max(axis=1)
+    if far.max() > LARGEST_COORDINATE:
+        row = int(np.argmax(far))
+        text = f"pose {row} is at ({poses[row, 0]:.6g}, {poses[row, 1]:.6g}) m, {far[row]:.3g} m from the map"
+        raise Refusal("E_RANGE", text)
+    back = np.flatnonzero(np.diff(series.stamps) < 0)
+    if len(back):
+        raise Refusal("E_TIME_ORDER", f"the stamp of pose {back[0] + 1} is earlier than that of pose {back[0]}")
+    return poses, notes
+
+
+def recorded_poses(plane: Array, start_direction: int) -> RecordedPoses:
+    """Distinct poses with unwrapped headings and gears, from the poses (m, 3) of `to_plane`.
+
+    Raises:
+        Refusal: fewer than two distinct poses, a jump, headings that do not fit the motion.
+    """
+    if len(plane) < 2:
+        raise Refusal("E_PATH_SHORT", "it has one pose, expected a path")
+    _check_steps(plane)
+    kept, nearest = _distinct(plane[:, :2])
+    if len(kept) < 2:
+        raise Refusal(
+            "E_PATH_ZERO_LENGTH",
+            f"its {len(plane)} poses are all at ({plane[0, 0]:.2f}, {plane[0, 1]:.2f}) m",
+        )
+    notes: list[str] = []
+    merged = len(plane) - len(kept)
+    if merged:
+        notes.append(f"{merged} of {len(plane)} poses repeat the one before and are merged with it")
+    poses = plane[kept].copy()
+    if _headings_missing(poses):
+        poses[:, 2] = heading_from_motion(poses[:, :2], start_direction)
+        gear = "forward" if start_direction == 1 else "in reverse"
+        notes.append(f"all headings are equal; they are taken from the motion, which starts {gear} (--start-direction)")
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    _check_headings(poses)
+    direction, smoothed = _gears(poses)
+    if smoothed:
+        notes.append(f"{smoothed} changes of gear within {SHORTEST_GEAR:g} m of travel are taken for noise")
+    rows = _thinned(poses, direction)
+    if len(rows) < len(poses):
+        notes.append(f"its {len(poses)} poses are closer than {THINNED_TO:g} m; {len(rows)} of them are used")
+        nearest = _nearest_row(poses, rows)[nearest]
+        poses, kept, direction = poses[rows], kept[rows], direction[rows[:-1]]
+    return RecordedPoses(
+        poses=frozen(poses),
+        direction=frozen_int(direction),
+        kept=frozen_int(kept),
+        nearest=frozen_int(nearest),
+        notes=tuple(notes),
+    )
+
+
+def _check_steps(plane: Array) -> None:
+    steps = np.hypot(*np.diff(plane[:, :2], axis=0).T)
+    row = int(np.argmax(steps))
+    if steps[row] <= LARGEST_STEP:
+        return
+    median = float(np.median(steps))
+    if median > LARGEST_STEP:
+        text = f"neighbouring poses are {median:.4g} m apart, expected at most {LARGEST_STEP:g}: are these metres?"
+        raise Refusal("E_RANGE", text)
+    here, there = plane[row, :2], plane[row + 1, :2]
+    text = (
+        f"it jumps by {steps[row]:.4g} m from pose {row} at ({here[0]:.2f}, {here[1]:.2f}) m to pose {row + 1} at "
+        f"({there[0]:.2f}, {there[1]:.2f}) m, expected at most {LARGEST_STEP:g} m"
+    )
+    raise Refusal("E_PATH_DISCONTINUOUS", text)
+
+
+def _distinct(xy: Array) -> tuple[IntArray, IntArray]:
+    """Indices of the poses to keep, the first and the last among them, and for every pose the row that it became."""
+    kept = [0]
+    nearest = np.zeros(len(xy), np.int64)
+    x, y = xy.T.tolist()
+    for i in range(1, len(xy)):
+        dx, dy = x[i] - x[kept[-1]], y[i] - y[kept[-1]]
+        if dx * dx + dy * dy >= SMALLEST_STEP**2:
+            kept.append(i)
+        nearest[i] = len(kept) - 1
+    last = len(xy) - 1
+    if kept[-1] != last and len(kept) > 1:
+        kept[-1] = last  # the goal is kept exactly
+        if np.hypot(*(xy[last] - xy[kept[-2]])) < 1e-6:
+            kept.pop(-2 if len(kept) > 2 else -1)
+            nearest = np.minimum(nearest, len(kept) - 1)
+    return np.array(kept), nearest
+
+
+def _headings_missing(poses: Array) -> bool:
+    """Whether the headings are all the same although the path turns, or runs across them."""
+    if np.ptp(poses[:, 2]) > 1e-9:
+        return False
+    dx, dy = np.diff(poses[:, :2], axis=0).T
+    across = -np.sin(poses[0, 2]) * dx + np.cos(poses[0, 2]) * dy
+    return bool((np.abs(across) > np.sin(np.radians(5.0)) * np.hypot(dx, dy)).any())
+
+
+def heading_from_motion(xy: Array, start_direction: int) -> Array:
+    """Tangents of the polyline through points (n, 2), turned round at cusps. Shape (n,), unwrapped.
+
+    A turn by more than a right angle between neighbouring pieces is a change of gear. Within a gear, the heading at
+    a point is the mean of its two pieces, weighted by the other's length, and at its ends it goes on as it turned:
+    exact for points on a circle, but for the chords. At a cusp it is the mean of what both gears say.
+    """
+    delta = np.diff(xy, axis=0)
+    length = np.hypot(*delta.T)
+    chord = np.arctan2(delta[:, 1], delta[:, 0])
+    turns = np.cos(np.diff(chord)) < 0.0
+    gear = start_direction * np.concatenate([[1], np.cumprod(np.where(turns, -1, 1))])
+    piece = np.unwrap(np.where(gear > 0, chord, chord + np.pi))
+    total, count = np.zeros(len(xy)), np.zeros(len(xy))
+    edges = [0, *(np.flatnonzero(turns) + 1).tolist(), len(piece)]
+    for start, stop in pairwise(edges):
+        total[start : stop + 1] += _tangents(piece[start:stop], length[start:stop])
+        count[start : stop + 1] += 1.0
+    return total / count
+
+
+def _tangents(piece: Array, length: Array) -> Array:
+    """Headings at the n + 1 ends of n pieces of one gear, from the headings and lengths of the pieces."""
+    if len(piece) == 1:
+        return np.repeat(piece, 2)
+    share = length[:-1] / (length[:-1] + length[1:])
+    inner = piece[:-1] + share * np.diff(piece)
+    return np.concatenate([[2.0 * piece[0] - inner[0]], inner, [2.0 * piece[-1] - inner[-1]]])
+
+
+def _motion(poses: Array) -> tuple[Array, Array]:
+    """Length of each interval, and the angle of its motion against the mean heading in (-pi, pi]."""
+    delta = np.diff(poses[:, :2], axis=0)
+    middle = (poses[1:, 2] + poses[:-1, 2]) / 2.0
+    angle = np.arctan2(delta[:, 1], delta[:, 0]) - middle
+    return np.hypot(*delta.T), np.arctan2(np.sin(angle), np.cos(angle))
+
+
+def _check_headings(poses: Array) -> None:
+    length, angle = _motion(poses)
+    sure = length > 2.0 * SMALLEST_STEP
+    if not sure.any():
+        return
+    slip = np.arctan(np.tan(angle[sure]))  # against the axis of the truck, whatever the gear
+    median = float(np.median(np.abs(slip)))
+    if median <= LARGEST_SLIP:
+        return
+    degrees = f"{np.degrees(median):.0f} degrees"
+    if np.percentile(np.abs(slip), 90) - np.percentile(np.abs(slip), 10) < np.radians(10.0):
+        raise Refusal("E_KINEMATICS", f"its headings are {degrees} off the direction of motion throughout")
+    step = float(np.median(length[sure]))
+    text = f"its headings are {degrees} off the direction of motion (median, steps of {step:.2g} m)"
+    raise Refusal("E_PATH_HEADING", f"{text}: are they in radians, or do the positions jitter as much as they move?")
+
+
+def _gears(poses: Array) -> tuple[IntArray, int]:
+    """Gear of each interval, and how many stretches too short for one were given their neighbours'."""
+    length, angle = _motion(poses)
+    direction = np.where(np.abs(angle) <= np.pi / 2.0, 1, -1)
+    smoothed = 0
+    while True:
+        edges = np.flatnonzero(np.diff(direction)) + 1
+        starts, stops = np.concatenate([[0], edges]), np.concatenate([edges, [len(direction)]])
+        travel = np.add.reduceat(length, starts)
+        shortest = int(np.argmin(travel))
+        if len(travel) == 1 or travel[shortest] >= SHORTEST_GEAR:
+            return direction, smoothed
+        direction[starts[shortest] : stops[shortest]] *= -1
+        smoothed += 1
+
+
+def _thinned(poses: Array, direction: IntArray) -> IntArray:
+    """Rows to keep so that few are nearer than `THINNED_TO`; the ends and every change of gear are among them."""
+    s = _travel(poses)
+    edges = np.flatnonzero(np.diff(direction)) + 1
+    rows = [0]
+    for end in (*edges.tolist(), len(poses) - 1):
+        start = rows[-1]
+        for row in range(start + 1, end):
+            # not nearer than that to the one before, and not much nearer than that to the end of the gear
+            if s[row] - s[rows[-1]] >= 0.999 * THINNED_TO and s[end] - s[row] >= 0.5 * THINNED_TO:
+                rows.append(row)
+        rows.append(end)
+    return np.array(rows)
+
+
+def _travel(poses: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
+
+
+def _nearest_row(poses: Array, rows: IntArray) -> IntArray:
+    """For every pose, which of the kept rows is nearest along the path."""
+    s = _travel(poses)
+    return np.searchsorted((s[rows[1:]] + s[rows[:-1]]) / 2.0, s)
+
+
+def kept_indices(recorded: RecordedPoses, indices: NDArray[np.int64]) -> IntArray:
+    """Rows of `recorded.poses` for indices into the message, without repetition."""
+    return np.unique(recorded.nearest[indices])

@@ -1,0 +1,85 @@
+"""Which of the paths in a log is the truck's, and which the trailer's."""
+
+import numpy as np
+
+from optim.arrays import Array
+from optim.vehicle import Vehicle
+from replay.errors import LogError
+from replay.logs.pairing import TOLERANCE, hitch_misfit, trailer_at_poses
+from replay.logs.planar import Refusal
+from replay.logs.poses import recorded_poses, to_plane
+from replay.logs.ros2 import PoseSeries
+from replay.logs.topics import Topic, refused, titles
+
+MOST_CANDIDATES = 8
+"""Path topics that are compared with each other; more ask for a choice at once."""
+
+
+def truck_and_trailer(
+    trucks: list[Topic], trailers: list[Topic], vehicle: Vehicle, *, truck_chosen: bool, trailer_chosen: bool
+) -> tuple[Topic, Topic | None]:
+    """The truck's topic, and the trailer's if there is one: the pair in which one follows the other on its hitch.
+
+    Raises:
+        LogError: it cannot be told; the error lists the topics and names the options.
+    """
+    if len(trucks) == 1 and trailers == trucks:
+        return trucks[0], None
+    if truck_chosen and trailer_chosen:
+        return trucks[0], trailers[0]
+    every = [topic for _, topic in sorted({topic.name: topic for topic in (*trucks, *trailers)}.items())]
+    if len(every) > MOST_CANDIDATES and not truck_chosen:
+        raise _ambiguous(every, "too many to compare")
+    misfits = {(a, b): _misfit(a, b, vehicle) for a in trucks for b in trailers if a is not b}
+    fitting = [pair for pair, (misfit, _) in misfits.items() if misfit <= TOLERANCE]
+    if len(fitting) == 1:
+        return fitting[0]
+    if fitting:
+        raise _ambiguous(every, "several pairs of them belong together as truck and trailer")
+    if truck_chosen and not trailer_chosen:
+        return trucks[0], None
+    for topic in every:  # a path that is broken in itself fits nothing: that is the better news
+        _check_alone(topic)
+    nearest = min(misfit for misfit, _ in misfits.values())
+    found = "no two of them belong together as truck and trailer"
+    reasons = [reason for _, reason in misfits.values() if reason]
+    if reasons:
+        found += f" ({reasons[0]})"
+    elif np.isfinite(nearest):
+        place = f"where hitch_to_axle = {vehicle.hitch_to_axle:g} m puts it"
+        found += f" (the nearest axle is {nearest:.2f} m from {place}, expected at most {TOLERANCE:g} m)"
+    raise _ambiguous(every, found)
+
+
+def _ambiguous(topics: list[Topic], found: str) -> LogError:
+    text = f"{len(topics)} topics hold a path, {found}: {titles(topics)}; choose with --path-topic and --trailer-topic"
+    return LogError("E_AMBIGUOUS", topics[0].log.path, text)
+
+
+def _first(topic: Topic) -> tuple[PoseSeries, Array]:
+    series: PoseSeries = topic.decode(0)
+    centre = series.poses[0, :2] if len(series.poses) else np.zeros(2)
+    try:
+        return series, to_plane(series, centre)[0]
+    except Refusal as error:
+        refused(topic, 0, error)
+
+
+def _misfit(truck: Topic, trailer: Topic, vehicle: Vehicle) -> tuple[float, str]:
+    """Median distance of the trailer's axle from where the hitch puts it, in the first messages [m].
+
+    Infinite where the poses cannot be paired; then the text says why.
+    """
+    (series, plane), (trailer_series, trailer_plane) = _first(truck), _first(trailer)
+    try:
+        at = trailer_at_poses(plane, series, trailer_plane, trailer_series, vehicle.hitch_to_axle)
+    except Refusal as error:
+        return np.inf, str(error)
+    return float(np.median(hitch_misfit(plane, at, vehicle.hitch_to_axle))), ""
+
+
+def _check_alone(topic: Topic) -> None:
+    try:
+        recorded_poses(_first(topic)[1], 1)
+    except Refusal as error:
+        refused(topic, 0, error)
