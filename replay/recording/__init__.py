@@ -1,0 +1,41 @@
+"""A run as a Rerun recording, with its blueprint in the same file. Only this package knows Rerun.
+
+Timelines: `progress` (0 to 1000, gear changes aligned where the paths have as many; every view lives on it),
+`arc_cm` (distance driven, cm), `iteration`. Entities, with <path> = recorded or a method's name:
+
+    /scene/map, obstacles, ends, legend                              static
+    /scene/<path>/path, cusps, swept, closest, audit, rejected       static
+    /scene/<path>/vehicle/{truck,trailer}                            outlines, moved by transforms
+    /scene/<path>/whisker                                            line to the nearest obstacle, where it is near
+    /scene/<path>/iterate                                            one polyline per iterate
+    /signals/<signal>/<path>, /signals/<signal>/limit                scalars
+    /gear/<path>                                                     states
+    /solver/{objective,violation_log10}/<method>                     scalars by iteration
+    /report/{summary,convergence,vehicle,run,audit}                  markdown
+"""
+
+import pathlib
+from typing import TYPE_CHECKING
+
+from replay.errors import ReplayError
+from replay.files import atomic_write
+
+if TYPE_CHECKING:
+    from replay.run import Run
+
+__all__ = ["write_recording"]
+
+
+def write_recording(run: "Run", path: pathlib.Path) -> None:
+    """Write the run as one .rrd file that opens on its verdict.
+
+    The file is written under a temporary name, read back, and only then gets its name: a file of that name is
+    whole. Raises ReplayError if it cannot be written; nothing is left of it then.
+    """
+    from replay.recording.writing import Unwritable, write  # imports rerun: 1 s
+
+    with atomic_write(path) as temporary:
+        try:
+            write(run, temporary)
+        except Unwritable as error:
+            raise ReplayError("E_RECORDING", f"{path}: cannot be written: {error}") from error

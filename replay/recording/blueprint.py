@@ -1,0 +1,188 @@
+"""The arrangement that a recording opens with: which views there are, what each shows, where the timeline stands."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from optim.problem import Problem
+from replay.recording.entities import OUTSIDE, entity
+from replay.recording.picture import Frame
+from replay.recording.signals import limits_of, signals_of
+from replay.recording.summary import clearance
+from replay.recording.text import count, number, plain
+from replay.recording.tracks import Track
+
+_GROUND: Final = ("/scene/map", "/scene/obstacles", "/scene/ends/**")
+_CLEARANCE_SHOWN: Final = 3.0  # [m]
+_KEY: Final = "solid forward, dashed reverse"
+
+
+class Content(NamedTuple):
+    """What the arrangement depends on."""
+
+    problem: Problem
+    tracks: list[Track]  # the recorded path first
+    best: Track | None
+    frame: Frame  # the plan views without a legend
+    legend: float  # height of the overview's legend above the frame [m]
+    areas_legend: float  # height of the swept area's legend [m]
+    has_iterates: bool
+    has_violation: bool
+
+
+def blueprint(content: Content) -> rrb.Blueprint:
+    """Tabs; the first one is the answer, the others the reasons."""
+    tabs = [_overview(content), _side_by_side(content), _signals(content)]
+    if content.has_iterates:
+        tabs.append(_convergence(content))
+    tabs += [_areas(content), _details()]
+    return rrb.Blueprint(
+        rrb.Tabs(*tabs, active_tab=0),
+        rrb.TimePanel(state="collapsed", timeline="progress", fps=60.0, loop_mode="all", play_state="paused"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _plan(content: Content, name: str, shown: list[str], legend: float = 0.0) -> rrb.Spatial2DView:
+    frame = content.frame
+    bounds = rrb.VisualBounds2D(x_range=[frame.x0, frame.x1], y_range=[-frame.y1 - legend, -frame.y0])
+    return rrb.Spatial2DView(
+        origin="/",
+        contents=[f"+ {path}" for path in (*_GROUND, *shown)],
+        name=plain(name),
+        visual_bounds=bounds,
+        background=[*OUTSIDE],
+    )
+
+
+def _of(track: Track, *parts: str) -> list[str]:
+    """Entities of one path; vehicles and swept areas have children."""
+    nested = {"vehicle", "cusps", "swept", "closest", "rejected"}
+    return [entity("scene", track.name, part) + ("/**" if part in nested else "") for part in parts]
+
+
+def _everything() -> rrb.TimeAxis:
+    """All of the timeline: unless told so, the viewer shows 1000 steps either side of the cursor."""
+    whole = rr.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
+    return rrb.TimeAxis(view_range=whole)
+
+
+def _plot(
+    name: str,
+    title: str,
+    y_range: tuple[float, float] | None,
+    *,
+    legend: rrb.Corner2D | None,
+    group: str = "signals",
+) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=entity(group, name),
+        name=plain(title),
+        axis_x=_everything(),
+        axis_y=rrb.ScalarAxis(range=y_range) if y_range else None,
+        plot_legend=rrb.PlotLegend(legend, visible=legend is not None),
+    )
+
+
+def _signals_of(content: Content, *names: str) -> list[rrb.TimeSeriesView]:
+    """Plots of those signals that there are; the first one has the legend, which hides data."""
+    names = tuple(name for name in names if name in limits_of(content.problem))
+    return [_signal(content, name, rrb.Corner2D.LeftTop if name == names[0] else None) for name in names]
+
+
+def _signal(content: Content, name: str, legend: rrb.Corner2D | None) -> rrb.TimeSeriesView:
+    limits = limits_of(content.problem)[name]
+    if name == "clearance_m":
+        lowest = min(float(track.distance.min()) for track in content.tracks)
+        title = f"Clearance to the nearest obstacle [m], required {number(limits[0])} m"
+        return _plot(name, title, (min(0.0, 1.1 * lowest), _CLEARANCE_SHOWN), legend=legend)
+    largest = max(float(np.abs(signals_of(content.problem, track)[name]).max()) for track in content.tracks)
+    top = 1.15 * min(max(limits[-1], largest), 3.0 * limits[-1])
+    title = {
+        "steering_deg": f"Steering angle φ [°], limit ±{number(limits[-1], 1)}°",
+        "hitch_deg": f"Hitch angle α [°], limit ±{number(limits[-1], 1)}°",
+        "curvature_per_m": f"Trailer curvature κ [1/m], limit ±{number(limits[-1], 3)}",
+    }[name]
+    return _plot(name, title, (-top, top), legend=legend)
+
+
+def _overview(content: Content) -> rrb.Horizontal:
+    recorded, best = content.tracks[0], content.best or content.tracks[0]
+    shown = ["/scene/legend/paths", *_of(recorded, "path", "cusps", "audit")]
+    for track in content.tracks[1:]:
+        if track.status == "improved":
+            shown += _of(track, "path", "cusps", "audit")
+    if best is not recorded:
+        shown += _of(recorded, "vehicle")
+    shown += _of(best, "swept", "vehicle", "whisker", "closest")
+    plots = _signals_of(content, "clearance_m", "steering_deg")
+    summary = rrb.TextDocumentView(origin="/report/summary", name="Summary")
+    right = rrb.Vertical(summary, *plots, row_shares=[1.8 + 0.12 * len(content.tracks), *(1.0 for _ in plots)])
+    title = f"Recorded and improved paths: {_KEY}" if content.best else f"Recorded path: {_KEY}"
+    return rrb.Horizontal(_plan(content, title, shown, content.legend), right, column_shares=[11, 9], name="Overview")
+
+
+def _side_by_side(content: Content) -> rrb.Grid:
+    recorded, panels = content.tracks[0], []
+    for track in content.tracks:
+        shown = _of(track if track.is_own else recorded, "path", "cusps", "swept", "vehicle", "whisker")
+        if track.is_own:
+            shown += _of(track, "audit") + ([] if track is recorded else _of(recorded, "path"))
+        else:
+            shown += _of(track, "rejected")
+        panels.append(_plan(content, _panel_title(track), shown))
+    columns = {1: 1, 2: 2, 3: 3, 4: 2, 5: 3, 6: 3}.get(len(panels), 4)
+    return rrb.Grid(*panels, grid_columns=columns, name="Side by side")
+
+
+def _panel_title(track: Track) -> str:
+    if track.is_own:
+        metrics = track.metrics
+        return (
+            f"{track.style.label}: J {number(metrics['objective'], 1)}, {number(metrics['length'], 1)} m, "
+            f"{count(metrics['cusps'], 'gear change')}, {clearance(metrics)}"
+        )
+    rejected = track.run is not None and track.run.rejected is not None
+    what = "its path was rejected by the audit" if rejected else track.status
+    return f"{track.style.label}: {what}; the recorded path stands"
+
+
+def _signals(content: Content) -> rrb.Vertical:
+    signals = _signals_of(content, "clearance_m", "steering_deg", "curvature_per_m", "hitch_deg")
+    plots = rrb.Grid(*signals, grid_columns=2)
+    gear = rrb.StateTimelineView(origin="/gear", name="Gear: forward or reverse", time_view=_everything())
+    paths = sum(track.is_own for track in content.tracks)
+    return rrb.Vertical(plots, gear, row_shares=[6.0, 0.7 + 0.5 * paths], name="Signals")
+
+
+def _convergence(content: Content) -> rrb.Horizontal:
+    shown = ["/scene/legend/paths", *_of(content.tracks[0], "path", "cusps")]
+    shown += [path for track in content.tracks[1:] if track.iterates for path in _of(track, "iterate")]
+    help_line = rrb.TextDocumentView(origin="/report/convergence", name="What this shows")
+    plots = [_plot("objective", "Objective J [-]", None, legend=rrb.Corner2D.LeftBottom, group="solver")]
+    if content.has_violation:
+        plots.append(_plot("violation_log10", "Constraint violation, log10 [-]", None, legend=None, group="solver"))
+    right = rrb.Vertical(help_line, *plots, row_shares=[0.22, *(1.0 for _ in plots)])
+    plan = _plan(content, "Iterates over the recorded path", shown, content.legend)
+    return rrb.Horizontal(plan, right, column_shares=[11, 9], name="Convergence")
+
+
+def _areas(content: Content) -> rrb.Spatial2DView:
+    shown = ["/scene/legend/areas"]
+    for track in content.tracks:
+        if track.is_own:
+            shown += [entity("scene", track.name, "swept", "outline"), *_of(track, "path")]
+    best = content.best or content.tracks[0]
+    shown.append(entity("scene", best.name, "swept", "filling"))
+    return _plan(content, "Swept area", shown, content.areas_legend)
+
+
+def _details() -> rrb.Horizontal:
+    sheets = ("vehicle", "Vehicle and objective"), ("run", "Log and options"), ("audit", "Audit")
+    views = [rrb.TextDocumentView(origin=f"/report/{name}", name=title) for name, title in sheets]
+    return rrb.Horizontal(*views, column_shares=[1.0, 1.0, 1.4], name="Vehicle, options, audit")

@@ -1,0 +1,33 @@
+"""Entity paths, colours and small shapes that the parts of a recording share."""
+
+from typing import Final
+
+import numpy as np
+import rerun as rr
+
+from replay.recording.text import plain
+from replay.style import Colour
+
+BODIES: Final = ("truck", "trailer")
+OUTSIDE: Final[Colour] = (17, 18, 21)
+"""Behind everything."""
+BRIGHT: Final[Colour] = (235, 235, 235)
+points = rr.Radius.ui_points
+"""Widths and radii that do not grow when one zooms in."""
+
+
+def entity(*parts: str) -> str:
+    """An entity path from parts of which some come from outside."""
+    return "/" + "/".join(rr.escape_entity_path_part(plain(part)) for part in parts)
+
+
+def image(pixels: np.ndarray, draw_order: float) -> rr.Image:
+    """Grey (H, W) or RGBA (H, W, 4), uint8, row 0 at the bottom; as bytes, since small arrays' shapes are ambiguous."""
+    return rr.Image(
+        bytes=pixels.tobytes(),
+        width=pixels.shape[1],
+        height=pixels.shape[0],
+        color_model="L" if pixels.ndim == 2 else "RGBA",
+        datatype="U8",
+        draw_order=draw_order,
+    )

@@ -1,0 +1,221 @@
+"""What the recording says in words: the verdict, the table of methods, vehicle and options, the audits. Markdown."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from optim.arrays import Array
+from replay.recording.text import cell, change, count, measured, number, table
+from replay.recording.tracks import Track
+
+if TYPE_CHECKING:
+    from replay.run import Run
+
+_NO_VALUE = "–"
+_LONGEST_OPTION = 60  # characters
+
+
+def summary(run: "Run", tracks: list[Track], best: Track | None) -> str:
+    """Verdict first, then the table, then every method's reason in its own words."""
+    lines = [*_verdict(tracks, best), "", _comparison(tracks, best), ""]
+    lines += [_outcome(track) for track in tracks[1:]]
+    lines += _warnings(run, tracks[0])
+    lines += ["", "**Space** plays. Solid: forward, dashed: reverse, ring: gear change, white bar: front wheel."]
+    lines += [f"{cell(run.case.name)} from {cell(run.case.log.name)}"]
+    return "\n".join(lines)
+
+
+def _verdict(tracks: list[Track], best: Track | None) -> list[str]:
+    before = tracks[0].metrics
+    if best is None:
+        head = "No method ran" if len(tracks) == 1 else "✗ Not improved: the recorded path stands"
+        clear, audit = clearance(before), "passed" if tracks[0].audit.get("passed") else "failed"
+        cost, length = number(before["objective"], 1), number(before["length"], 1)
+        detail = f"J {cost}, {length} m, {count(before['cusps'], 'gear change')}, {clear}"
+        return [f"# {head}", "", f"**{detail}, audit of the recorded path {audit}**"]
+    after = best.metrics
+    cost = [number(row["objective"], 1) for row in (before, after)]
+    length = [number(row["length"], 1) for row in (before, after)]
+    detail = (
+        f"J {cost[0]} → {cost[1]} ({change(before['objective'], after['objective'])}), {length[0]} → {length[1]} m, "
+        f"{before['cusps']} → {count(after['cusps'], 'gear change')}, audit passed, {clearance(after)}"
+    )
+    percent = change(before["objective"], after["objective"])
+    return [f"# ✓ {cell(best.style.label)} improved the path: J {percent}", "", f"**{detail}**"]
+
+
+def clearance(metrics: Mapping[str, float]) -> str:
+    """The smallest clearance in words."""
+    value = metrics["min_clearance"]
+    return f"clearance {number(value)} m" if math.isfinite(value) else "no obstacles"
+
+
+def _comparison(tracks: list[Track], best: Track | None) -> str:
+    """Paths as columns, so that the numbers to compare stand side by side and the names stay short."""
+    improved = [track for track in tracks if track.status in ("recorded", "improved")]
+
+    def row(head: str, value: Callable[[Track], str]) -> list[str]:
+        values = [value(track) if track in improved else _NO_VALUE for track in tracks]
+        return [head, *(f"**{text}**" if track is best else text for track, text in zip(tracks, values, strict=True))]
+
+    def metric(head: str, key: str, digits: int, scale: float = 1.0) -> list[str]:
+        return row(head, lambda track: number(scale * track.metrics[key], digits))
+
+    rows = [
+        ["", *(cell(track.style.label) for track in tracks)],
+        ["Result", *(_mark(track) for track in tracks)],
+        metric("**J** (less is better)", "objective", 1),
+        metric("Length [m]", "length", 1),
+        metric("Gear changes", "cusps", 0),
+        metric("Clearance [m]", "min_clearance", 2),
+        metric("Largest steering [°]", "max_abs_phi", 1, math.degrees(1.0)),
+        metric("Largest hitch angle [°]", "max_abs_alpha", 1, math.degrees(1.0)),
+        metric("Steering variation [°]", "steering_variation", 0, math.degrees(1.0)),
+        row("Swept area [m²]", lambda track: number(track.area.area, 0)),
+        ["Time [s]", *(number(track.run.wall_s if track.run else None, 2) for track in tracks)],
+    ]
+    return table(rows)
+
+
+def _mark(track: Track) -> str:
+    if track.run is None:
+        return "✓ audit" if track.audit.get("passed") else "✗ audit"
+    if track.run.rejected is not None:
+        return "✗ rejected"
+    return {"improved": "✓ improved", "kept": "kept", "failed": "✗ failed"}.get(track.status, cell(track.status))
+
+
+def _outcome(track: Track) -> str:
+    """One line: what became of a method, and why, in its own words."""
+    run = track.run
+    assert run is not None
+    what = {
+        "improved": "improved",
+        "kept": "kept the recorded path",
+        "failed": "failed, the recorded path stands",
+    }.get(run.status, run.status)
+    return f"- **{cell(track.style.label)}** {what} ({cell(run.stop)}, {run.iterations} iterations): {cell(run.reason)}"
+
+
+def _warnings(run: "Run", recorded: Track) -> list[str]:
+    """What is odd about the log or the recorded path."""
+    lines = [f"- ⚠ The recorded path fails its audit. {cell(text)}" for text in _failures(recorded.audit)]
+    if run.case.read.lost:
+        lines.append("- ⚠ Part of the log could not be read.")
+    return lines
+
+
+def _checks(audit: Mapping[str, Any]) -> Iterable[tuple[str, Mapping[str, Any]]]:
+    return audit.get("checks", {}).items()
+
+
+def convergence_help(tracks: list[Track]) -> str:
+    """One line above the convergence plots."""
+    quiet = [cell(track.style.label) for track in tracks[1:] if not track.iterates]
+    line = (
+        "Every method starts from the recorded path (progress 0) and ends with its result (1000); **space** plays. "
+        "Choose the timeline **iteration** (bottom left) to step through single iterations."
+    )
+    return line + (f" No iterates: {', '.join(quiet)}." if quiet else "")
+
+
+def vehicle_sheet(run: "Run") -> str:
+    """Dimensions in metres, limits in degrees, and what the objective weighs."""
+    problem = run.case.problem
+    vehicle = problem.vehicle
+    metres = [
+        ("Wheelbase", vehicle.wheelbase),
+        ("Truck ahead of its rear axle", vehicle.truck_front),
+        ("Truck behind its rear axle", vehicle.truck_rear),
+        ("Truck width", vehicle.truck_width),
+        ("Hitch to trailer axle", vehicle.hitch_to_axle),
+        ("Hitch behind the rear axle", vehicle.hitch_offset),
+        ("Trailer ahead of the hitch", vehicle.trailer_front),
+        ("Trailer behind the hitch", vehicle.trailer_rear),
+        ("Trailer width", vehicle.trailer_width),
+    ]
+    degrees = [
+        ("Largest steering angle", vehicle.max_steer, "°"),
+        ("Largest hitch angle", vehicle.max_hitch, "°"),
+        ("Largest steering rate", vehicle.max_steer_rate, "°/m"),
+    ]
+    rows = [["Dimension or limit", "Value"]]
+    rows += [[name, f"{number(value)} m"] for name, value in metres]
+    rows += [[name, f"{number(math.degrees(value), 1)}{unit}"] for name, value, unit in degrees]
+    rows += [["Clearance asked for", f"{number(problem.margin)} m"]]
+    rows += [["Clearance required here", f"{number(problem.required_clearance)} m"]]
+    weights = [["Weight of", "Value"], *([cell(name), f"{value:g}"] for name, value in vars(problem.weights).items())]
+    formula = "J = length · L + steer · ∫φ² ds + rate · ∫(dφ/ds)² ds + cusp · gear changes + jump · Σ(Δφ)²"
+    return "\n".join(["# Vehicle", "", table(rows), "", "## Objective", "", cell(formula), "", table(weights)])
+
+
+def run_sheet(run: "Run", version: str, offset: Array) -> str:
+    """Where the data come from, and the options of every method."""
+    case = run.case
+    read, turn = case.read, math.degrees(case.read.max_deviation_rad)
+    facts = [
+        ["Fact", "Value"],
+        ["Log", cell(case.log.name)],
+        ["Case", cell(case.name)],
+        ["SHA-256", cell(case.sha256[:16] + "…")],
+        ["Frame", cell(case.frame)],
+        ["Pictures are relative to", f"({number(offset[0], 0)}, {number(offset[1], 0)}) m"],
+        ["Poses in the log", str(read.poses)],
+        ["Hitch angle from", cell(read.hitch)],
+        ["Recorded path off the log's poses", f"{number(read.max_deviation_m, 3)} m, {number(turn, 2)}°"],
+        ["Obstacles", f"{len(case.problem.scene.polygons)} convex polygons"],
+        ["Map", _map_size(run)],
+        ["Tool version", cell(version)],
+        ["Seed", str(run.seed)],
+    ]
+    lines = ["# Log", "", table(facts), *(f"- {cell(note)}" for note in read.notes)]
+    rows = [["Option", "Value"], *([cell(name), cell(value)] for name, value in _flat(run.options))]
+    lines += ["", "# Options", "", table(rows) if len(rows) > 1 else "None."]
+    return "\n".join(lines)
+
+
+def _map_size(run: "Run") -> str:
+    grid = run.case.map
+    if grid is None:
+        return "shapes"
+    rows, columns = grid.cells.shape
+    return f"{columns} × {rows} cells of {number(grid.resolution, 3)} m"
+
+
+def _flat(options: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:
+    for name, value in options.items():
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            value = vars(value)
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            text = f"{value:g}" if isinstance(value, float) else str(value)
+            yield f"{prefix}{name}", text if len(text) <= _LONGEST_OPTION else text[: _LONGEST_OPTION - 1] + "…"
+
+
+def audit_sheet(tracks: list[Track]) -> str:
+    """Every check of every path: the value nearest to its limit; in full where a check failed."""
+    audits = [(cell(track.style.label), track.audit) for track in tracks if track.is_own]
+    for track in tracks[1:]:
+        if track.run is not None and track.run.rejected is not None:
+            audits.append((f"{cell(track.style.label)}, rejected", track.run.rejected))
+    names = dict.fromkeys(name for _, audit in audits for name, _ in _checks(audit))
+    rows = [["Check", *(label for label, _ in audits)]]
+    rows += [[cell(name), *(_verdict_of(audit, name) for _, audit in audits)] for name in names]
+    rows += [["**All**", *("**✓ passed**" if audit.get("passed") else "**✗ failed**" for _, audit in audits)]]
+    lines = ["# Audit", "", "An independent check of each path, from its samples alone.", "", table(rows), ""]
+    for label, audit in audits:
+        lines += [f"- **{label}** {cell(text)}" for text in _failures(audit)]
+    return "\n".join(lines)
+
+
+def _verdict_of(audit: Mapping[str, Any], name: str) -> str:
+    check = audit.get("checks", {}).get(name)
+    if check is None:
+        return _NO_VALUE
+    return f"{'✓' if check.get('passed') else '✗'} {cell(measured(check))}"
+
+
+def _failures(audit: Mapping[str, Any]) -> list[str]:
+    return [f"{name}: {check.get('sentence', '')}" for name, check in _checks(audit) if not check.get("passed")]

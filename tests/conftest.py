@@ -1,0 +1,55 @@
+"""Fixtures that more than one file of tests uses, and the profile of the property tests."""
+
+import pathlib
+
+import pytest
+import recording_factory as factory
+from hypothesis import settings
+from recording_reading import Contents, written
+
+from optim.result import Stop
+from replay.kernels import drop_stale
+from replay.run import Run
+
+drop_stale()
+settings.register_profile("replay", deadline=None, derandomize=True)  # the same examples on every machine
+settings.load_profile("replay")
+
+
+@pytest.fixture(scope="session")
+def five() -> Run:
+    """Three methods that improve, one whose path is rejected, one that keeps the recorded path; on a grid."""
+    steps = factory.towards((8.0, 0.34), 6)
+    methods = {
+        "shortcut": factory.Prepared(steps[-1], steps[:-1]),
+        "cpo": factory.Prepared(steps[-2], steps[:-2], violation=0.4),
+        "ddp": factory.Prepared(steps[-3], steps[:3], violation=0.1),
+        "nlp": factory.Prepared(factory.manoeuvre(10.0, 0.45)),
+        "scp": factory.Prepared(stop=Stop.STALLED, reason="The trust region shrank to nothing."),
+    }
+    return factory.make_run(methods, with_grid=True)
+
+
+@pytest.fixture(scope="session")
+def one() -> Run:
+    return factory.make_run()
+
+
+@pytest.fixture(scope="session")
+def one_file(one: Run, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    return written(one, tmp_path_factory.mktemp("one"))
+
+
+@pytest.fixture(scope="session")
+def one_read(one_file: pathlib.Path) -> Contents:
+    return Contents(one_file)
+
+
+@pytest.fixture(scope="session")
+def five_file(five: Run, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    return written(five, tmp_path_factory.mktemp("five"))
+
+
+@pytest.fixture(scope="session")
+def five_read(five_file: pathlib.Path) -> Contents:
+    return Contents(five_file)

@@ -1,0 +1,163 @@
+"""Pictures of every tab of a recording, taken without a display; fails where the viewer complains.
+
+    python tools/screenshot.py REC.rrd OUTDIR [--size 1920x1080] [--tab NAME]... [--timeline progress --at 700]
+
+Needs a Vulkan driver; Debian's mesa-vulkan-drivers holds one that runs on the processor. Starts a viewer of its own
+on a free port of the loopback interface and ends it again. Exit status: 0 all well; 1 a view reported an error, the
+viewer logged a warning, or it stopped; 2 wrong usage.
+"""
+
+import argparse
+import contextlib
+import os
+import pathlib
+import re
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import rerun_cli
+from rerun.experimental import ViewerClient
+
+TOASTS_S = 8.0  # the notices about software rendering cover a corner for so long
+SETTLE_S = 1.0  # for a tab's first frames; text and plots arrive one or two frames late
+LOAD_S = 30.0
+EXCUSED = re.compile(r"Software rasteri[sz]er|Docker")
+"""What the machine lacks is no fault of the recording."""
+
+
+@contextlib.contextmanager
+def viewer(size: str) -> Iterator[ViewerClient]:
+    """A headless viewer, connected; ended when the block is left."""
+    # not venv/bin/rerun: that is a launcher, and ending it would leave the viewer behind
+    program = pathlib.Path(rerun_cli.__file__).with_name("rerun")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [str(program), "--headless", "--bind", "127.0.0.1", "--port", str(port), "--window-size", size]
+    with tempfile.TemporaryDirectory() as scratch:
+        environment = {"XDG_RUNTIME_DIR": scratch, **os.environ}
+        with (pathlib.Path(scratch) / "log").open("w+b") as log:
+            process = subprocess.Popen(
+                [*command, "--hide-welcome-screen"], stdout=log, stderr=subprocess.STDOUT, env=environment
+            )
+            try:
+                yield connected(process, port)
+            except ConnectionError:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(5)
+                log.seek(0)
+                text = log.read().decode(errors="replace")
+                panic = re.search(r"panicked at.*(\n.*)?", text)
+                raise SystemExit(f"the viewer stopped: {panic.group() if panic else text[-2000:]}") from None
+            finally:
+                process.terminate()
+                try:
+                    process.wait(10)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait(10)
+
+
+def connected(process: "subprocess.Popen[bytes]", port: int) -> ViewerClient:
+    """A client of the viewer once that answers; ConnectionError if it does not."""
+    for _ in range(150):
+        if process.poll() is not None:
+            break
+        with contextlib.suppress(ConnectionError):
+            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            client.get_state()
+            return client
+        time.sleep(0.1)
+    raise ConnectionError("no answer")
+
+
+def open_recording(client: ViewerClient, path: pathlib.Path) -> None:
+    """Open a recording and wait until all of it is there."""
+    client.open(str(path.resolve()))
+    deadline = time.monotonic() + LOAD_S
+    while time.monotonic() < deadline:
+        state = client.get_state()
+        if not state.loading and state.recordings and all(recording.timelines for recording in state.recordings):
+            return
+        time.sleep(0.1)
+    raise SystemExit(f"{path} was not loaded within {LOAD_S:g} s")
+
+
+def tabs(client: ViewerClient) -> dict[str, str]:
+    """Name and identifier of each tab of the blueprint, in order."""
+    plan = client.get_blueprint().blueprint
+    found = {}
+    for part in _root(plan)["contents"]:
+        entry = plan["/" + part.lstrip("/")]
+        kind = "ContainerBlueprint" if "ContainerBlueprint" in entry else "ViewBlueprint"
+        found[entry[kind].get("display_name", part)] = part
+    return found
+
+
+def show(client: ViewerClient, tab: str) -> None:
+    """Bring a tab to the front."""
+    plan = client.get_blueprint().blueprint
+    _root(plan)["active_tab"] = tab
+    client.set_blueprint(plan, of="recording")
+
+
+def _root(plan: dict[str, Any]) -> dict[str, Any]:
+    root = plan["/viewport"]["ViewportBlueprint"]["root_container"]
+    return plan[f"/container/{root}"]["ContainerBlueprint"]
+
+
+def complaints(client: ViewerClient) -> list[str]:
+    """Reports of the views on screen, and what the viewer warned of."""
+    found = [
+        f"view {view.name}: {report.severity}: {report.summary} {report.details or ''}"
+        for view in client.get_state().views
+        for report in view.reports
+    ]
+    found += [
+        f"log {entry.level}: {entry.target}: {entry.message}"
+        for entry in client.get_logs()
+        if entry.level in ("WARN", "ERROR") and not EXCUSED.search(entry.message)
+    ]
+    return found
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("recording", type=pathlib.Path)
+    parser.add_argument("out", type=pathlib.Path)
+    parser.add_argument("--size", default="1920x1080", help="of the window, in pixels")
+    parser.add_argument("--tab", action="append", help="only this one; may be repeated")
+    parser.add_argument("--timeline", default="progress")
+    parser.add_argument("--at", type=int, help="place of the cursor on the timeline; default: its start")
+    arguments = parser.parse_args()
+    if not arguments.recording.is_file():
+        parser.error(f"{arguments.recording} is no file")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    found: list[str] = []
+    with viewer(arguments.size) as client:
+        open_recording(client, arguments.recording)
+        if arguments.at is not None:
+            client.set_time(arguments.timeline, sequence=arguments.at, play_state="paused")
+        time.sleep(TOASTS_S)
+        known = tabs(client)
+        if unknown := set(arguments.tab or ()) - set(known):
+            parser.error(f"no tab {', '.join(sorted(unknown))}; there are {', '.join(known)}")
+        for name in arguments.tab or known:
+            show(client, known[name])
+            time.sleep(SETTLE_S)
+            picture = arguments.out / (re.sub(r"\W+", "_", name).strip("_").lower() + ".png")
+            picture.write_bytes(client.take_screenshot())
+            print(picture)
+            found += [line for line in complaints(client) if line not in found]
+    for line in found:
+        print(line, file=sys.stderr)
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
