@@ -1,0 +1,98 @@
+"""The command line: `replay optimize | info | methods | audit`.
+
+This module stays light: a command's module, and with it numpy, numba and Rerun, is imported when the command is
+called, so that `replay --help` answers at once. Each command is a thin shell over library functions.
+"""
+
+import os
+import sys
+from collections.abc import Sequence
+
+from cyclopts import App, CycloptsError, UnknownCommandError
+
+from replay.cli.usage import ExitStatus, unknown
+from replay.errors import ReplayError
+from replay.kernels import drop_stale
+
+COMMANDS = {
+    "optimize": "Improve the recorded paths of logs; write a Rerun recording and a results file for each.",
+    "info": "Show what was understood of logs: channels, map, path, vehicle, notes.",
+    "methods": "List the methods and their options.",
+    "audit": "Repeat the independent check of results files, from these files alone.",
+}
+"""The commands and their line in the help; each is the function of its own name in `replay.cli.<name>`."""
+
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command, by default the process's own; returns the exit status (see `ExitStatus`)."""
+    tokens = list(sys.argv[1:] if arguments is None else arguments)
+    _use_one_thread()
+    if tokens and tokens[0] in COMMANDS:
+        drop_stale()
+    try:
+        status = make_app()(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+    except UnknownCommandError:  # its own text would import every command to name them
+        _explain(unknown("command", tokens[0], COMMANDS), tokens)
+        return ExitStatus.USAGE
+    except CycloptsError as error:
+        _explain(str(error), tokens)
+        return ExitStatus.USAGE
+    except ReplayError as error:
+        _explain(error.message, tokens)
+        return error.exit_status
+    except KeyboardInterrupt:
+        _say("replay: interrupted")
+        return ExitStatus.INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone, as in `replay methods | head -1`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return ExitStatus.OK
+    return int(status or ExitStatus.OK)
+
+
+def make_app() -> App:
+    """The application with its commands, none of them imported yet."""
+    app = App(
+        name="replay",
+        help="Improves recorded parking paths of a truck with one trailer, read from MCAP logs, checks every result"
+        " independently, and shows the comparison in a Rerun recording.",
+        help_format="plaintext",  # markdown would cost another tenth of a second
+        help_epilogue="Exit status: 0 all well; 1 a method or an audit failed; 2 wrong usage or unusable input;"
+        " 3 part of the input was lost or some inputs could not be read; 130 interrupted.",
+        version=_version,
+        suppress_keyboard_interrupt=False,
+    )
+    for name, line in COMMANDS.items():
+        app.command(f"replay.cli.{name}:{name}", name=name, help=line)
+    app.command(
+        "replay.cli.completion:install_completion",
+        name="--install-completion",
+        help="Install completion for the shell in use (bash, zsh, fish).",
+    )
+    return app
+
+
+def _version() -> str:
+    import importlib.metadata  # a fiftieth of a second
+
+    return importlib.metadata.version("truck-trailer-replay")
+
+
+def _use_one_thread() -> None:
+    """Keep numerical libraries from starting threads: the arrays are small, threads only cost time.
+
+    Takes effect because no command has loaded numpy yet; values that the user has set stay.
+    """
+    for name in _THREAD_VARIABLES:
+        os.environ.setdefault(name, "1")
+
+
+def _explain(message: str, tokens: list[str]) -> None:
+    """One line about arguments that cannot be used, and where the help is."""
+    command = tokens[:1] if tokens and tokens[0] in COMMANDS else []
+    _say(f"replay: {' '.join(message.split())} (see `{' '.join(['replay', *command, '--help'])}`)")
+
+
+def _say(line: str) -> None:
+    sys.stderr.write(line + "\n")

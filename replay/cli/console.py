@@ -1,0 +1,87 @@
+"""What a command says and where: data on standard output, everything for people on standard error."""
+
+import json
+import sys
+import traceback
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+from rich.console import Console, RenderableType
+
+from replay.errors import printable
+
+WIDTH = 100
+"""Columns of a table that does not go to a terminal."""
+LEAST_WIDTH = 80
+"""Columns of a table on a terminal, at least: a narrower one wraps it, rather than that digits are lost."""
+LONGEST = 4000
+"""Characters of a line."""
+
+_Switch = Annotated[bool, Parameter(negative=(), show_default=False)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Common:
+    """Options that every command has."""
+
+    json: _Switch = False
+    """Print one JSON document on standard output, and nothing else there."""
+    quiet: _Switch = False
+    """No progress and no notes; errors only."""
+    verbose: _Switch = False
+    """More notes, and tracebacks of errors, on standard error."""
+
+
+class Voice:
+    """Speaks for one command, as loud as its options say."""
+
+    def __init__(self, common: Common) -> None:
+        self.common = common
+        self.data = Console(highlight=False, markup=False, emoji=False)
+        self.data.width = max(self.data.width, LEAST_WIDTH) if self.data.is_terminal else WIDTH
+        self.people = Console(stderr=True, highlight=False, markup=False, emoji=False)
+
+    @property
+    def wants_progress(self) -> bool:
+        """Whether bars may be drawn: on a terminal, unless asked to be quiet."""
+        return self.people.is_terminal and not self.common.quiet
+
+    def show(self, *parts: RenderableType) -> None:
+        """Data for people, on standard output; nothing in JSON mode."""
+        if not self.common.json:
+            for part in parts:
+                is_line = isinstance(part, str)
+                self.data.print(printable(part, LONGEST) if is_line else part, soft_wrap=is_line)
+
+    def document(self, content: dict[str, Any]) -> None:
+        """The one JSON document, in JSON mode."""
+        if self.common.json:
+            # JSON has no infinity (the clearance in an empty scene) and no NaN: null, as in the results file
+            content = json.loads(json.dumps(content), parse_constant=lambda _: None)
+            sys.stdout.write(json.dumps(content, indent=1, sort_keys=True) + "\n")
+
+    def note(self, text: str) -> None:
+        """A remark, on standard error unless quiet."""
+        if not self.common.quiet:
+            self._line(text)
+
+    def detail(self, text: str) -> None:
+        """A remark for the curious, on standard error if verbose."""
+        if self.common.verbose:
+            self._line(text)
+
+    def error(self, text: str) -> None:
+        """One line, on standard error, always; with the traceback of the present exception if verbose."""
+        self._line(text)
+        if sys.exc_info()[0] is not None:
+            self.trace(traceback.format_exc())
+
+    def trace(self, text: str) -> None:
+        """A traceback, on standard error if verbose."""
+        if self.common.verbose:
+            self.people.print(text.rstrip(), soft_wrap=True)
+
+    def _line(self, text: str) -> None:
+        """What files contribute must not move the cursor or forge a line: it is escaped."""
+        self.people.print(f"replay: {printable(text, LONGEST)}", soft_wrap=True)

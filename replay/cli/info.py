@@ -1,0 +1,137 @@
+"""`replay info`: what was understood of a log."""
+
+import dataclasses
+import math
+import pathlib
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from replay.case import Case
+from replay.cli.console import Common, Voice
+from replay.cli.reading import Reading, read_options
+from replay.cli.usage import ExitStatus
+from replay.errors import ReplayError, printable
+from replay.logs import ReadOptions, read_cases
+from replay.logs.container import scan
+from replay.logs.records import Log
+from replay.results import scene_to_document
+from replay.tables import channels_table, facts_table, gear_changes
+
+
+def info(
+    logs: list[pathlib.Path],
+    /,
+    *,
+    common: Annotated[Common | None, Parameter(name="*")] = None,
+    reading: Annotated[Reading | None, Parameter(name="*")] = None,
+) -> int:
+    """Show what was understood of logs: channels, map, path, vehicle, notes.
+
+    Parameters
+    ----------
+    logs
+        MCAP files.
+    """
+    voice = Voice(common or Common())
+    options = read_options(reading)
+    documents = [_describe(voice, log, options) for log in logs]
+    errors = [document["error"] is not None for document in documents]
+    if all(errors):
+        status = ExitStatus.USAGE
+    elif any(errors) or any(document["lost"] for document in documents):
+        status = ExitStatus.PARTIAL
+    else:
+        status = ExitStatus.OK
+    voice.document({"schema": "replay.info/1", "exit_status": int(status), "logs": documents})
+    return status
+
+
+def _describe(voice: Voice, path: pathlib.Path, options: ReadOptions) -> dict[str, Any]:
+    """Show one log, as far as it can be read, and give the same as plain data."""
+    document: dict[str, Any] = {"log": str(path), "error": None, "lost": False, "channels": [], "cases": []}
+    try:
+        log = scan(path, lambda _: False)
+        document |= {"sha256": log.sha256, "lost": log.lost, "channels": _channels(log)}
+        voice.show(f"{printable(path)}: {log.size} bytes, sha256 {log.sha256}", channels_table(document["channels"]))
+        for case in read_cases(path, options):
+            document["cases"].append(_case_document(case))
+            document["lost"] |= case.read.lost
+            voice.show(facts_table(_facts(case)), "")
+    except ReplayError as error:
+        document["error"] = str(error)
+        voice.error(str(error))
+    return document
+
+
+def _channels(log: Log) -> list[dict[str, Any]]:
+    return [
+        {
+            "topic": channel.topic,
+            "schema": channel.schema.name if channel.schema else None,
+            "encoding": channel.encoding,
+            "messages": log.counts.get(channel.id, 0),
+        }
+        for channel in log.channels
+    ]
+
+
+def _facts(case: Case) -> dict[str, str]:
+    """A case in words."""
+    problem, read = case.problem, case.read
+    path, scene = problem.recorded, problem.scene
+    gears = ", ".join(f"{'forward' if part.direction > 0 else 'reverse'} {part.length:.1f} m" for part in path.segments)
+    hitch = {"trailer path": "from the trailer's path", "reconstructed": "reconstructed by integration"}[read.hitch]
+    deviation = f"{read.max_deviation_m * 1e3:.1f} mm and {math.degrees(read.max_deviation_rad):.2f}°"
+    facts = {
+        "case": case.name,
+        "frame": case.frame,
+        "map": f"{len(scene.polygons)} convex obstacles" + (f", {_size(case)}" if case.map else ""),
+        "path": f"{read.poses} poses, {path.length:.2f} m, {gear_changes(path.num_cusps)}: {gears}",
+        "start, goal": f"{_state(path.start)}; {_state(path.goal)}",
+        "hitch angle": hitch,
+        "deviation": f"at most {deviation} from the logged poses",
+        "clearance": f"{problem.recorded_clearance:.3f} m; results must keep {problem.required_clearance:.3f} m",
+        "vehicle": ", ".join(f"{name} {value:g}" for name, value in dataclasses.asdict(problem.vehicle).items()),
+    }
+    return facts | ({"notes": "\n".join(read.notes)} if read.notes else {})
+
+
+def _size(case: Case) -> str:
+    assert case.map is not None, "asked for maps that are grids only"
+    rows, columns = case.map.cells.shape
+    return f"grid of {columns} × {rows} cells of {case.map.resolution:g} m"
+
+
+def _state(state: Any) -> str:
+    x, y, theta, alpha = state
+    return f"({x:z.2f} m, {y:z.2f} m, {math.degrees(theta):z.1f}°, hitch {math.degrees(alpha):z.1f}°)"
+
+
+def _case_document(case: Case) -> dict[str, Any]:
+    """A case as plain data, SI units."""
+    problem = case.problem
+    path = problem.recorded
+    grid = case.map
+    return {
+        "case": case.name,
+        "frame": case.frame,
+        "read": dataclasses.asdict(case.read),
+        "vehicle": dataclasses.asdict(problem.vehicle),
+        "map": {
+            "polygons": len(problem.scene.polygons),
+            "boundary": scene_to_document(problem.scene)["boundary"],
+            "cells": None if grid is None else list(grid.cells.shape),
+            "resolution": None if grid is None else grid.resolution,
+        },
+        "path": {
+            "length": path.length,
+            "cusps": path.num_cusps,
+            "segments": [{"direction": part.direction, "length": part.length} for part in path.segments],
+            "start": list(map(float, path.start)),
+            "goal": list(map(float, path.goal)),
+            "min_clearance": problem.recorded_clearance,
+        },
+        "required_clearance": problem.required_clearance,
+        "num_nodes": None if problem.nodes is None else len(problem.nodes),
+    }

@@ -1,0 +1,31 @@
+"""`replay methods`: the methods and their options."""
+
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from optim.methods import METHODS, Method
+from replay.cli.console import Common, Voice
+from replay.cli.options import Option, options_of, summary_of
+from replay.cli.usage import ExitStatus
+from replay.tables import options_table
+
+
+def methods(common: Annotated[Common | None, Parameter(name="*")] = None) -> int:
+    """List the methods and their options, each a flag of `replay optimize`."""
+    voice = Voice(common or Common())
+    for name, method in METHODS.items():
+        voice.show(f"{name}: {summary_of(method)}", options_table(options_of(method, name)))
+    found = [_method_document(name, method) for name, method in METHODS.items()]
+    voice.document({"schema": "replay.methods/1", "methods": found})
+    return ExitStatus.OK
+
+
+def _method_document(name: str, method: Method) -> dict[str, Any]:
+    options = [_option_document(option) for option in options_of(method, name)]
+    return {"name": name, "summary": summary_of(method), "options": options}
+
+
+def _option_document(option: Option) -> dict[str, Any]:
+    keys = ("name", "flag", "kind", "unit", "default", "doc")
+    return {key: getattr(option, key) for key in keys}

@@ -1,0 +1,86 @@
+"""`replay optimize`: read logs, run methods, write recordings and results, show the comparison."""
+
+import dataclasses
+import pathlib
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+from cyclopts import Parameter
+
+from optim.methods import METHODS, Method
+from optim.objective import Weights
+from replay.cli.console import Common, Voice
+from replay.cli.options import UsageError, flags_of, with_flags
+from replay.cli.outputs import Outputs
+from replay.cli.reading import Reading, read_options
+from replay.cli.session import Session
+from replay.cli.usage import unknown
+
+if TYPE_CHECKING:
+    MethodFlags: TypeAlias = Any
+    WeightFlags: TypeAlias = Any
+else:
+    MethodFlags = flags_of(METHODS, "Options of {name}")
+    WeightFlags = flags_of({"weights": Weights()}, "Weights of the objective J")
+
+_FLAT = Parameter(name="*")
+
+
+def optimize(
+    logs: list[pathlib.Path],
+    /,
+    *,
+    method: Annotated[list[str] | None, Parameter(negative=())] = None,
+    out: pathlib.Path = pathlib.Path(),
+    seed: int | None = None,
+    recording: bool = True,
+    common: Annotated[Common | None, _FLAT] = None,
+    reading: Annotated[Reading | None, _FLAT] = None,
+    weights: Annotated[WeightFlags | None, _FLAT] = None,
+    options: Annotated[MethodFlags | None, _FLAT] = None,
+) -> int:
+    """Improve the recorded paths of logs; write a Rerun recording and a results file for each.
+
+    Parameters
+    ----------
+    logs
+        MCAP files.
+    method
+        A method to run, by name; may be given several times. All methods by default.
+    out
+        Folder for the files, made if it is missing: STEM.rrd and STEM.results.json for each log. STEM is the log's
+        name; where a log holds several requests, their numbers follow it (STEM-0, STEM-1).
+    seed
+        Seed for every method that has one.
+    recording
+        Write the Rerun recording.
+    """
+    session = Session(
+        voice=Voice(common or Common()),
+        methods=_chosen(method, _with_options(options, seed)),
+        read=read_options(reading),
+        weights=with_flags(Weights(), weights.weights, "weights") if weights else Weights(),
+        seed=seed or 0,
+        outputs=Outputs(out, logs),
+        recording=recording,
+    )
+    return session.run(logs)
+
+
+def _with_options(options: Any, seed: int | None) -> dict[str, Method]:
+    """The methods with the options and the seed that were given; a method's own --METHOD.seed wins."""
+    methods = dict(METHODS)
+    for name, plain in METHODS.items():
+        method = with_flags(plain, getattr(options, name), name) if options else plain
+        if seed is not None and getattr(method, "seed", None) == getattr(plain, "seed", object()):
+            method = dataclasses.replace(method, seed=seed)  # pyright: ignore[reportArgumentType]
+        methods[name] = method
+    return methods
+
+
+def _chosen(names: list[str] | None, methods: Mapping[str, Method]) -> dict[str, Method]:
+    """The named methods, in the order given, each once; all when none is named."""
+    for name in names or ():
+        if name not in methods:
+            raise UsageError(unknown("method", name, methods))
+    return {name: methods[name] for name in names or methods}

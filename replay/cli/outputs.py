@@ -1,0 +1,50 @@
+"""Where the files of a run go: names that never collide and never overwrite an input."""
+
+import dataclasses
+import os
+import pathlib
+from collections.abc import Sequence
+
+from replay.case import Case
+from replay.cli.options import UsageError
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Names:
+    """The files of one case."""
+
+    results: pathlib.Path
+    recording: pathlib.Path
+
+
+class Outputs:
+    """The folder of a command's files. Raises UsageError, before any work, where files could not be written."""
+
+    def __init__(self, folder: pathlib.Path, inputs: Sequence[pathlib.Path]) -> None:
+        self.folder = folder
+        self._inputs = [path.resolve() for path in inputs]
+        self._taken: set[str] = set()
+        stems: dict[str, pathlib.Path] = {}
+        for path in inputs:
+            other = stems.setdefault(path.stem, path)
+            if other is not path:
+                raise UsageError(f"{other} and {path} would both be written as {path.stem}.*: give them one --out each")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"--out {folder}: {error.strerror}") from error
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise UsageError(f"--out {folder}: no permission to write there")
+
+    def names(self, case: Case, num_cases: int) -> Names:
+        """The files of one of a log's cases; the number of the request is in the name where there are several."""
+        stem, _, number = case.name.rpartition("/")
+        stem = f"{stem}-{number}" if num_cases > 1 else stem
+        if stem in self._taken:
+            raise UsageError(f"{case.name}: {stem}.* is already written for another log: give them one --out each")
+        self._taken.add(stem)
+        names = Names(results=self.folder / f"{stem}.results.json", recording=self.folder / f"{stem}.rrd")
+        for path in (names.results, names.recording):
+            if path.resolve() in self._inputs:
+                raise UsageError(f"{case.name}: {path} is an input and will not be overwritten: choose another --out")
+        return names

@@ -1,0 +1,58 @@
+"""The options that say how a log is to be understood, shared by the commands that read logs."""
+
+import difflib
+import pathlib
+import tomllib
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from cyclopts import Group
+
+from optim.vehicle import Vehicle
+from replay.cli.options import Option, UsageError, flag_class, options_of, with_flags
+from replay.logs import ReadOptions
+
+_VEHICLE = Option(
+    name="vehicle",
+    flag="--vehicle",
+    hint=pathlib.Path | None,
+    default=None,
+    doc="TOML file with the vehicle's dimensions and limits, instead of those in the log; keys as in `replay info`.",
+)
+_OPTIONS = [_VEHICLE if option.name == "vehicle" else option for option in options_of(ReadOptions())]
+
+if TYPE_CHECKING:
+    Reading: TypeAlias = Any
+else:
+    Reading = flag_class(_OPTIONS, Group("Reading the log", sort_key=5))
+
+
+def read_options(flags: Any) -> ReadOptions:
+    """The reader's options from the flags (an instance of `Reading`, or None). Raises UsageError."""
+    if flags is None:
+        return ReadOptions()
+    vehicle = None if flags.vehicle is None else read_vehicle(flags.vehicle)
+    return with_flags(ReadOptions(), flags, "reading", vehicle=vehicle)
+
+
+def read_vehicle(path: pathlib.Path) -> Vehicle:
+    """A vehicle from a TOML file whose keys are the fields of `Vehicle`, in SI units; absent ones have the defaults.
+
+    Raises UsageError for a file that cannot be read, an unknown key or a value out of range.
+    """
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"--vehicle {path}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"--vehicle {path}: not TOML: {error}") from error
+    known = [field.name for field in fields(Vehicle)]
+    for key in values:
+        if key not in known:
+            nearest = difflib.get_close_matches(key, known, n=1)
+            guess = f"; did you mean {nearest[0]!r}?" if nearest else f"; there are: {', '.join(known)}"
+            raise UsageError(f"--vehicle {path}: unknown key {key!r}{guess}")
+    try:
+        return Vehicle(**values)
+    except ValueError as error:
+        raise UsageError(f"--vehicle {path}: {error}") from error

@@ -1,0 +1,174 @@
+"""What `replay optimize` does: log by log and case by case, with whatever fails kept to itself."""
+
+import dataclasses
+import pathlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from optim.methods import Method
+from optim.objective import Weights
+from replay.case import Case
+from replay.cli.console import Voice
+from replay.cli.outputs import Names, Outputs
+from replay.cli.usage import ExitStatus
+from replay.errors import ReplayError
+from replay.logs import ReadOptions, read_cases
+from replay.progress import Progress
+from replay.results import to_document, write_results
+from replay.run import Interrupted, Run, run_case
+from replay.tables import reasons, result_table, verdict
+
+
+@dataclasses.dataclass(kw_only=True)
+class LogEntry:
+    """What became of one log."""
+
+    log: str
+    error: str | None = None
+    """One line, if the log could not be used."""
+    lost: bool = False
+    """Part of the log could not be read."""
+    fell_short: bool = False
+    """A method or an audit failed, or a file could not be written."""
+    cases: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    """One for each case that was run, for the JSON document."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Session:
+    """One call of the command, its arguments understood."""
+
+    voice: Voice
+    methods: Mapping[str, Method]
+    read: ReadOptions
+    weights: Weights
+    seed: int
+    outputs: Outputs
+    recording: bool
+
+    def run(self, logs: Sequence[pathlib.Path]) -> ExitStatus:
+        """Run all logs; the exit status. What was finished before a Ctrl-C is written and shown."""
+        entries: list[LogEntry] = []
+        interrupted = False
+        try:
+            for log in logs:
+                entries.append(LogEntry(log=str(log)))
+                with self._failures_kept(entries[-1]):
+                    self._run_log(log, entries[-1], position=f"{len(entries)}/{len(logs)}")
+        except KeyboardInterrupt:
+            interrupted = True
+            self.voice.error("interrupted; what was finished has been kept")
+        status = ExitStatus.INTERRUPTED if interrupted else _status(entries)
+        if not interrupted:
+            self._summarize(entries)
+        document = {"schema": "replay.optimize/1", "exit_status": int(status)}
+        self.voice.document(document | {"logs": [dataclasses.asdict(entry) for entry in entries]})
+        return status
+
+    def _run_log(self, log: pathlib.Path, entry: LogEntry, position: str) -> None:
+        with self._progress(position) as progress:
+            progress.show(log.name, "reading")
+            cases = read_cases(log, self.read)
+        for case in cases:
+            entry.lost |= case.read.lost
+            names = self.outputs.names(case, len(cases))
+            for note in case.read.notes:
+                self.voice.note(f"{case.name}: {note}")
+            weighted = dataclasses.replace(case.problem, weights=self.weights)
+            self._run_case(dataclasses.replace(case, problem=weighted), names, entry, position)
+
+    def _run_case(self, case: Case, names: Names, entry: LogEntry, position: str) -> None:
+        interruption = None
+        with self._progress(position) as progress:
+            progress.show(case.name, "measuring the recorded path")
+            try:
+                run = run_case(
+                    case,
+                    self.methods,
+                    on_iterate=lambda _, iterate: progress.iterate(iterate),
+                    on_start=lambda name: progress.show(f"{case.name} {name}", "starting"),
+                    seed=self.seed,
+                )
+            except Interrupted as interrupted:
+                run, interruption = interrupted.run, interrupted
+        if run.methods:
+            self._finish_case(run, names, entry, position)
+        if interruption is not None:
+            raise interruption
+
+    def _finish_case(self, run: Run, names: Names, entry: LogEntry, position: str) -> None:
+        """Write the files of a run and show its table, also when a file fails."""
+        entry.fell_short |= run.fell_short
+        written: list[str] = []
+        entry.cases.append(_case_document(run, written))
+        with self._failures_kept(entry, writing=True), self._progress(position) as progress:
+            progress.show(run.case.name, f"writing {names.results.name}")
+            write_results(names.results, to_document(run))
+            written.append(str(names.results))
+            if self.recording:
+                from replay.recording import write_recording  # Rerun takes a second to load
+
+                progress.show(run.case.name, f"writing {names.recording.name}")
+                write_recording(run, names.recording)
+                written.append(str(names.recording))
+        self.voice.show(verdict(run), result_table(run), *(f"wrote {name}" for name in written), "")
+        compile_s = sum(method.compile_s for method in run.methods)
+        if compile_s >= 1.0:
+            self.voice.note(f"{compile_s:.0f} s more went into compiling; that is kept for the next runs")
+        for line, method in zip(reasons(run), run.methods, strict=True):
+            say = self.voice.detail if method.status == "improved" else self.voice.note
+            say(f"{run.case.name}: {line}")
+            if method.traceback:
+                self.voice.trace(method.traceback)
+
+    @contextmanager
+    def _failures_kept(self, entry: LogEntry, *, writing: bool = False) -> Iterator[None]:
+        """A log's failure, whatever it is, is told in one line and noted in its entry; the next log goes on."""
+        try:
+            yield
+        except ReplayError as error:
+            entry.fell_short |= writing  # an input that cannot be used is another status
+            entry.error = str(error)
+            self.voice.error(entry.error)
+        except Exception as error:  # a border: a defect of ours, which must not cost the other logs
+            entry.fell_short = True
+            entry.error = f"{entry.log}: internal error, {type(error).__name__}: {' '.join(str(error).split())}"
+            self.voice.error(entry.error + ("" if self.voice.common.verbose else " (--verbose shows where)"))
+
+    def _progress(self, position: str) -> Progress:
+        return Progress(self.voice.people, enabled=self.voice.wants_progress, prefix=position)
+
+    def _summarize(self, entries: Sequence[LogEntry]) -> None:
+        """For several logs, the last line: which of them could not be used."""
+        failed = [entry.log for entry in entries if entry.error is not None]
+        if len(entries) > 1 and failed:
+            done = len(entries) - len(failed)
+            self.voice.error(f"{done} of {len(entries)} logs done; not done: {', '.join(failed)}")
+
+
+def _status(entries: Sequence[LogEntry]) -> ExitStatus:
+    """The exit status of a command that ran to its end; of two that apply, the smaller."""
+    if any(entry.fell_short for entry in entries):
+        return ExitStatus.SHORT
+    unusable = [entry.error is not None for entry in entries]
+    if all(unusable):
+        return ExitStatus.USAGE
+    if any(unusable) or any(entry.lost for entry in entries):
+        return ExitStatus.PARTIAL
+    return ExitStatus.OK
+
+
+def _case_document(run: Run, written: list[str]) -> dict[str, Any]:
+    """A run in the JSON document: all numbers of the results file but the paths."""
+    return {
+        "case": run.case.name,
+        "recorded": {"metrics": run.recorded_metrics, "audit": run.recorded_audit},
+        "best": run.best.name if run.best else None,
+        "methods": [
+            {key: getattr(method, key) for key in ("name", "status", "stop", "reason", "iterations", "wall_s")}
+            | {"metrics": method.metrics, "audit": method.audit, "rejected": method.rejected}
+            for method in run.methods
+        ],
+        "files": written,
+    }

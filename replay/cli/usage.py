@@ -1,0 +1,28 @@
+"""Exit statuses, and words for arguments that cannot be used."""
+
+import difflib
+import enum
+from collections.abc import Iterable
+
+
+class ExitStatus(enum.IntEnum):
+    """What a command's exit status says."""
+
+    OK = 0
+    """All well."""
+    SHORT = 1
+    """It ran, and something fell short: a method failed, an audit failed."""
+    USAGE = 2
+    """Wrong usage, or nothing among the inputs that can be used."""
+    PARTIAL = 3
+    """Done, but part of an input was lost, or some of several inputs could not be read."""
+    INTERRUPTED = 130
+    """Stopped by Ctrl-C; what was finished is kept."""
+
+
+def unknown(kind: str, word: str, choices: Iterable[str]) -> str:
+    """One sentence about a word that is not among the choices: the nearest of them, and all of them."""
+    choices = list(choices)
+    nearest = difflib.get_close_matches(word, choices, n=1)
+    guess = f" Did you mean {nearest[0]!r}?" if nearest else ""
+    return f"unknown {kind} {word!r}.{guess} There are: {', '.join(choices)}"

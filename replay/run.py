@@ -1,0 +1,244 @@
+"""One case and some methods: run each, measure it, have it audited, and say what came of it."""
+
+import dataclasses
+import math
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from numba.core import event
+
+from optim.audit import AuditReport, audit_path, audit_recorded
+from optim.methods import Method
+from optim.metrics import metrics
+from optim.path import Path
+from optim.problem import Problem
+from optim.result import Iterate, Result, Stop
+from replay.case import Case
+from replay.results import path_to_document, scene_to_document
+
+Status = Literal["improved", "kept", "failed"]
+
+MOST_ITERATES = 400
+"""Iterates kept of one method's history, at most; the first and the last always are."""
+LEAST_GAIN = 1e-9
+"""Relative gain in J below which a path is no better than the recorded one: rounding alone reaches 1e-12."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MethodRun:
+    """What one method made of a case. `path` is the recorded one unless `status` is "improved"."""
+
+    name: str
+    status: Status
+    """improved: better and passed by the audit; kept: nothing better was found; failed: an error."""
+    stop: str
+    """The method's own word, a value of `optim.result.Stop`."""
+    reason: str
+    """One sentence for the user; of whatever decided the status."""
+    path: Path
+    metrics: dict[str, float]
+    """Of `path`; the keys and units of `optim.metrics.UNITS`."""
+    audit: dict[str, Any]
+    """Of `path`; as `AuditReport.to_dict`."""
+    iterations: int
+    wall_s: float
+    """Time that the method took [s]; neither the audit nor compilation is included."""
+    history: list[dict[str, float]]
+    """Of every iterate: iteration, objective, violation, step."""
+    iterates: tuple[Iterate, ...]
+    """For playing back; thinned evenly to at most `MOST_ITERATES`."""
+    rejected: dict[str, Any] | None = None
+    """The audit of the path that the method gave, if that audit did not pass."""
+    rejected_path: Path | None = None
+    """That path, for drawing where it fails."""
+    compile_s: float = 0.0
+    """Time that went into compiling kernels [s]; once on each machine, and again after a change of the code."""
+    traceback: str = ""
+    """Of an exception, for developers."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Run:
+    """A case and what each method made of it."""
+
+    case: Case
+    recorded_metrics: dict[str, float]
+    recorded_audit: dict[str, Any]
+    methods: tuple[MethodRun, ...]
+    options: dict[str, Any]
+    """Of each method by its name: option -> value."""
+    seed: int = 0
+
+    @property
+    def best(self) -> MethodRun | None:
+        """The improved path of least J, the quicker method's where two are equal; None if none improved."""
+        improved = [run for run in self.methods if run.status == "improved"]
+        return min(improved, key=lambda run: (run.metrics["objective"], run.wall_s), default=None)
+
+    @property
+    def fell_short(self) -> bool:
+        """Whether a method failed, or gave a path that the audit turned down."""
+        return any(run.status == "failed" or run.rejected is not None for run in self.methods)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C during a run; carries what was finished by then."""
+
+    def __init__(self, run: Run) -> None:
+        super().__init__()
+        self.run = run
+
+
+def run_case(
+    case: Case,
+    methods: Mapping[str, Method],
+    on_iterate: Callable[[str, Iterate], None] | None = None,
+    *,
+    on_start: Callable[[str], None] | None = None,
+    seed: int = 0,
+) -> Run:
+    """Run methods on a case, one after the other; one that fails does not stop the others.
+
+    The callbacks get the method's name, before it starts and with each iterate. `seed` is noted, not used: seeds
+    are options of the methods. Raises Interrupted on Ctrl-C.
+    """
+    problem = case.problem
+    run = Run(
+        case=case,
+        recorded_metrics=metrics(problem.vehicle, problem.scene, problem.recorded, problem.weights),
+        recorded_audit=_audit_recorded(problem),
+        methods=(),
+        options={name: _options(method) for name, method in methods.items()},
+        seed=seed,
+    )
+    try:
+        for name, method in methods.items():
+            if on_start is not None:
+                on_start(name)
+            iterates = _Iterates(name, on_iterate)
+            run = dataclasses.replace(run, methods=(*run.methods, _run_method(run, name, method, iterates)))
+    except KeyboardInterrupt:
+        raise Interrupted(run) from None
+    return run
+
+
+class _Iterates:
+    """Collects iterates: the scalars of all of them, and paths thinned to a bounded number."""
+
+    def __init__(self, name: str, forward: Callable[[str, Iterate], None] | None) -> None:
+        self.name = name
+        self.forward = forward
+        self.history: list[dict[str, float]] = []
+        self._kept: list[Iterate] = []
+        self._last: Iterate | None = None
+        self._stride = 1
+
+    def __call__(self, iterate: Iterate) -> None:
+        if len(self.history) % self._stride == 0:
+            self._kept.append(iterate)
+        if len(self._kept) >= MOST_ITERATES:
+            self._kept = self._kept[::2]
+            self._stride *= 2
+        self._last = iterate
+        scalars = ("iteration", "objective", "violation", "step")
+        self.history.append({key: getattr(iterate, key) for key in scalars})
+        if self.forward is not None:
+            self.forward(self.name, iterate)
+
+    @property
+    def kept(self) -> tuple[Iterate, ...]:
+        if self._last is None or self._kept[-1] is self._last:
+            return tuple(self._kept)
+        return (*self._kept, self._last)
+
+
+def _run_method(run: Run, name: str, method: Method, iterates: _Iterates) -> MethodRun:
+    """Solve, measure, audit; any exception ends here, in a run that has failed."""
+    times = {}
+    try:
+        with _timed(times):
+            result = method.solve(run.case.problem, iterates)
+        verdict = _judge(run, result)
+    except Exception as error:  # a border: whatever a method does wrong is its own failure, and recorded
+        message = " ".join(str(error).split())
+        verdict = _recorded(run, "failed", f"{type(error).__name__}: {message}" if message else type(error).__name__)
+        verdict |= {"stop": Stop.FAILED.value, "iterations": len(iterates.history)}
+        verdict["traceback"] = traceback.format_exc()
+    return MethodRun(name=name, history=iterates.history, iterates=iterates.kept, **times, **verdict)
+
+
+@contextmanager
+def _timed(times: dict[str, float]) -> Iterator[None]:
+    """Note `wall_s` and `compile_s` of the block, also when it raises."""
+    compiling = event.TimingListener()
+    started = time.perf_counter()
+    try:
+        with event.install_listener("numba:compile", compiling):
+            yield
+    finally:
+        compile_s = compiling.duration if compiling.done else 0.0
+        times |= {"wall_s": time.perf_counter() - started - compile_s, "compile_s": compile_s}
+
+
+def _judge(run: Run, result: Result) -> dict[str, Any]:
+    """The fields of a `MethodRun` that say what a result is worth: J first, then the audit, never its own word."""
+    problem = run.case.problem
+    end = {"stop": result.stop.value, "iterations": result.iterations}
+    if result.stop is Stop.FAILED:
+        return end | _recorded(run, "failed", result.reason)
+    measured = metrics(problem.vehicle, problem.scene, result.path, problem.weights)
+    wrong = [
+        key for key, value in measured.items() if math.isnan(value) or (math.isinf(value) and key != "min_clearance")
+    ]
+    if wrong:
+        return end | _recorded(run, "failed", f"The path has no finite {', '.join(wrong)}.")
+    report = _audit(problem, result.path, measured["objective"])
+    if not report.passed:
+        reason = "The audit turned its path down: " + "; ".join(report.failures)
+        return end | _recorded(run, "kept", reason) | {"rejected": report.to_dict(), "rejected_path": result.path}
+    before, after = run.recorded_metrics["objective"], measured["objective"]
+    if not after < before * (1.0 - LEAST_GAIN):
+        return end | _recorded(
+            run, "kept", f"Nothing better was found (J {after:.6g}, recorded {before:.6g}). {result.reason}"
+        )
+    better = {"status": "improved", "reason": result.reason, "path": result.path}
+    return end | better | {"metrics": measured, "audit": report.to_dict()}
+
+
+def _recorded(run: Run, status: Status, reason: str) -> dict[str, Any]:
+    """The fields of a `MethodRun` that falls back on the recorded path."""
+    path = run.case.problem.recorded
+    return {
+        "status": status,
+        "reason": reason,
+        "path": path,
+        "metrics": run.recorded_metrics,
+        "audit": run.recorded_audit,
+    }
+
+
+def _audit(problem: Problem, path: Path, objective: float) -> AuditReport:
+    """The audit of a method's path, from the same plain data as the results file holds."""
+    return audit_path(
+        dataclasses.asdict(problem.vehicle),
+        scene_to_document(problem.scene),
+        path_to_document(problem.recorded),
+        path_to_document(path),
+        dataclasses.asdict(problem.weights),
+        objective,
+    )
+
+
+def _audit_recorded(problem: Problem) -> dict[str, Any]:
+    vehicle, scene = dataclasses.asdict(problem.vehicle), scene_to_document(problem.scene)
+    return audit_recorded(vehicle, scene, path_to_document(problem.recorded)).to_dict()
+
+
+def _options(method: Method) -> dict[str, Any]:
+    """A method's options; empty for a method that is no dataclass."""
+    fields = dataclasses.fields(method) if dataclasses.is_dataclass(method) else ()
+    return {field.name: getattr(method, field.name) for field in fields}

@@ -1,0 +1,98 @@
+"""What goes wrong with one method or one log stays there: exit statuses, what is kept, what is said."""
+
+import dataclasses
+import json
+import pathlib
+import shutil
+from typing import Any, Literal
+
+import pytest
+from logs_maker import sound_log
+
+from optim.objective import Weights
+from optim.problem import Problem
+from optim.result import OnIterate, Result, Stop, ignore
+from replay.cli.console import Common, Voice
+from replay.cli.outputs import Outputs
+from replay.cli.session import Session
+from replay.logs import ReadOptions
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory) -> pathlib.Path:
+    return sound_log().write(tmp_path_factory.mktemp("logs") / "yard.mcap")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Keeps:
+    """Gives back what it got."""
+
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        return Result(path=problem.recorded, stop=Stop.STALLED, reason="Nothing to do.", iterations=0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Raises:
+    """Does not come to an answer."""
+
+    how: Literal["an error", "Ctrl-C"] = "an error"
+
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        raise KeyboardInterrupt if self.how == "Ctrl-C" else RuntimeError("lost its way")
+
+
+def session(out: pathlib.Path, methods: dict[str, Any], logs: list[pathlib.Path], **common: bool) -> Session:
+    return Session(
+        voice=Voice(Common(**common)),
+        methods=methods,
+        read=ReadOptions(),
+        weights=Weights(),
+        seed=0,
+        outputs=Outputs(out, logs),
+        recording=False,
+    )
+
+
+@pytest.mark.parametrize("verbose", [False, True])
+def test_a_method_that_fails_gives_status_1_and_a_traceback_only_if_verbose(tmp_path, log, capsys, verbose):
+    methods = {"raises": Raises(), "keeps": Keeps()}
+    assert session(tmp_path, methods, [log], verbose=verbose).run([log]) == 1
+    said = capsys.readouterr()
+    assert "RuntimeError: lost its way" in said.err
+    assert ("Traceback" in said.err) is verbose
+    assert "nothing better than the recorded path was found" in said.out
+    document = json.loads((tmp_path / "yard.results.json").read_text())
+    assert [method["status"] for method in document["methods"]] == ["failed", "kept"]
+
+
+def test_a_method_that_finds_nothing_better_is_no_failure(tmp_path, log):
+    assert session(tmp_path, {"keeps": Keeps()}, [log]).run([log]) == 0
+
+
+def test_ctrl_c_gives_status_130_and_keeps_what_was_finished(tmp_path, log, capsys):
+    other = tmp_path / "other.mcap"
+    shutil.copy(log, other)
+    methods = {"keeps": Keeps(), "hangs": Raises(how="Ctrl-C"), "never": Keeps()}
+    assert session(tmp_path / "out", methods, [log, other]).run([log, other]) == 130
+    assert [file.name for file in (tmp_path / "out").iterdir()] == ["yard.results.json"]
+    document = json.loads((tmp_path / "out" / "yard.results.json").read_text())
+    assert [method["name"] for method in document["methods"]] == ["keeps"]
+    assert "interrupted" in capsys.readouterr().err
+
+
+def test_a_defect_of_ours_costs_one_log_and_gives_status_1(tmp_path, log, capsys):
+    class Defective(dict):
+        def items(self):
+            raise RuntimeError("a defect")
+
+    assert session(tmp_path, Defective(keeps=Keeps()), [log]).run([log]) == 1
+    err = capsys.readouterr().err
+    assert "internal error, RuntimeError: a defect" in err
+    assert err.count("\n") == 1
+
+
+def test_a_file_that_cannot_be_written_is_told_in_one_line(tmp_path, log, capsys):
+    (tmp_path / "yard.results.json").mkdir()
+    assert session(tmp_path, {"keeps": Keeps()}, [log]).run([log]) == 1
+    err = capsys.readouterr().err
+    assert "yard.results.json: cannot be written" in err
