@@ -1,0 +1,117 @@
+"""From a site to the path that its log holds: the map as a reader will see it, the plan, the logged poses."""
+
+import dataclasses
+import itertools
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from optim.arrays import Array
+from optim.cover import cover_cells
+from optim.scene import Scene, make_scene
+from optim.vehicle import Vehicle
+from tools.corpus.grid import Cells, draw_grid
+from tools.corpus.rrt import Found, Search, plan
+from tools.corpus.site import Grid, Site, footprints, ground, place_flat
+
+MAX_SEEDS = 100
+"""So many searches are tried for a site before it counts as impossible."""
+
+
+MIN_EDGES = 4
+"""Paths of fewer edges leave nothing to cut short."""
+
+
+class Poses(NamedTuple):
+    """What the log says of the path, map frame. N poses; a cusp and a planner's node is one pose."""
+
+    truck: Array  # (N, 3) rear axle x [m], y [m] and heading [rad]
+    trailer: Array  # (N, 3) trailer axle x [m], y [m] and heading [rad]
+    nodes: list[int]  # indices of the planner's nodes, start and goal included
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Built:
+    """A site with everything its log needs."""
+
+    site: Site
+    cells: Cells | None
+    """The occupancy grid, or None where the log holds shapes."""
+    poses: Poses
+    seed: int
+    """The planner's seed that gave the path."""
+    iterations: int
+    length: float
+    """Distance driven by the truck's rear axle [m]."""
+    num_cusps: int
+
+
+def planner_vehicle(vehicle: Vehicle) -> Vehicle:
+    """The vehicle with tighter limits: rounded poses, read back, then still keep the true ones."""
+    return dataclasses.replace(
+        vehicle,
+        max_steer=0.92 * vehicle.max_steer,
+        max_hitch=0.92 * vehicle.max_hitch,
+        max_steer_rate=0.8 * vehicle.max_steer_rate,
+    )
+
+
+def planner_scene(site: Site, cells: Cells | None) -> Scene:
+    """The obstacles as a reader of the log will see them, and the edge of the site's ground."""
+    if cells is None:
+        return make_scene(footprints(site), boundary=ground(site))
+    return make_scene(cover_cells(cells.blocked, cells.resolution, cells.origin), boundary=ground(site))
+
+
+def build(site: Site, search: Search | None = None) -> Built:
+    """Plan the site's path; seeds are tried in order until one gives a path within the site's ranges.
+
+    Raises RuntimeError when none does.
+    """
+    cells = draw_grid(site, site.map) if isinstance(site.map, Grid) else None
+    scene, vehicle = planner_scene(site, cells), planner_vehicle(site.vehicle)
+    start, goal = (place_flat(flat, site.pose) for flat in (site.start, site.goal))
+    for seed in range(site.seed, site.seed + MAX_SEEDS):
+        found = plan(
+            vehicle, scene, start, goal, site.areas, site.pose, margin=site.clearance, seed=seed, search=search
+        )
+        if found is None or len(found.edges) < MIN_EDGES:
+            continue
+        length = sum(edge.truck_length for edge in found.edges)
+        if site.length[0] <= length <= site.length[1] and site.cusps[0] <= num_cusps(found) <= site.cusps[1]:
+            return Built(
+                site=site,
+                cells=cells,
+                poses=logged_poses(found, site.spacing),
+                seed=seed,
+                iterations=found.iterations,
+                length=length,
+                num_cusps=num_cusps(found),
+            )
+    raise RuntimeError(f"{site.name}: no path with seeds {site.seed} to {site.seed + MAX_SEEDS - 1}")
+
+
+def num_cusps(found: Found) -> int:
+    """Gear changes between the edges."""
+    gears = [edge.direction for edge in found.edges]
+    return sum(a != b for a, b in itertools.pairwise(gears))
+
+
+def logged_poses(found: Found, spacing: float) -> Poses:
+    """Poses at equal distances within each edge, rounded to 1e-6 m and 1e-7 rad."""
+    truck, trailer, nodes = [], [], [0]
+    for edge in found.edges:
+        keep = slice(0 if not truck else 1, None)
+        flat, states = edge.flat(spacing), edge.sample(spacing).states
+        trailer.append(flat[keep, :3])
+        truck.append(states[keep, :3])
+        nodes.append(nodes[-1] + len(flat) - 1)
+    return Poses(_rounded(truck), _rounded(trailer), nodes)
+
+
+def _rounded(parts: list[Array]) -> Array:
+    poses = np.concatenate(parts)
+    heading = np.mod(poses[:, 2] + math.pi, 2.0 * math.pi) - math.pi
+    return np.column_stack([np.round(poses[:, :2], 6), np.round(heading, 7)]) + 0.0

@@ -1,0 +1,123 @@
+"""Which logs there are, how one is made, and the list of them that is kept beside them."""
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+from optim.vehicle import Vehicle
+from tools.corpus import lots, yards
+from tools.corpus.build import Built, build
+from tools.corpus.site import Grid, Site
+from tools.corpus.write import content_digest, to_bytes
+
+SITES: Final[Mapping[str, Callable[[], Site]]] = MappingProxyType(
+    {
+        make.__name__: make
+        for make in (
+            yards.bay_01,
+            yards.bay_02,
+            yards.angled_01,
+            yards.angled_02,
+            lots.parallel_01,
+            lots.parallel_02,
+            yards.dock_01,
+            yards.dock_02,
+            lots.yard_01,
+            lots.yard_02,
+            lots.lot_01,
+            lots.lot_02,
+        )
+    }
+)
+"""All sites by the names of their logs."""
+
+LIST_NAME = "corpus.toml"
+_SCHEMA = "replay.corpus/1"
+_HEAD = f"""\
+# The logs of this folder. Made by tools/make_corpus.py, which also makes them anew and compares (--check).
+# sha256 is that of the file, content that of what it says (another zstd may compress the same content differently).
+schema = "{_SCHEMA}"
+"""
+
+Entry = dict[str, Any]
+"""What the list says of one log."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Made:
+    """A log in memory, with its entry in the list."""
+
+    name: str
+    data: bytes
+    entry: Entry
+
+
+def make(name: str) -> Made:
+    """Plan and write one log of the corpus."""
+    return make_log(SITES[name]())
+
+
+def make_log(site: Site) -> Made:
+    """Plan and write the log of a site; the same bytes every time."""
+    built = build(site)
+    data = to_bytes(built)
+    return Made(name=site.name, data=data, entry=_entry(built, data))
+
+
+def _entry(built: Built, data: bytes) -> Entry:
+    site = built.site
+    return {
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "content": content_digest(data),
+        "class": site.name.rpartition("_")[0],
+        "title": site.title,
+        "special": site.special,
+        "map": "grid" if isinstance(site.map, Grid) else "shapes",
+        "vehicle": "default" if site.vehicle == Vehicle() else "own",
+        "seed": built.seed,
+        "poses": len(built.poses.truck),
+        "edges": len(built.poses.nodes) - 1,
+        "cusps": built.num_cusps,
+        "length_m": round(built.length, 2),
+        "trailer_path": site.has_trailer_path,
+        "path_nodes": site.has_path_nodes,
+    }
+
+
+def read_list(folder: Path) -> dict[str, Entry]:
+    """Entries of the list in a folder, by name; none where there is no list."""
+    path = folder / LIST_NAME
+    if not path.exists():
+        return {}
+    document = tomllib.loads(path.read_text(encoding="utf-8"))
+    if document.get("schema") != _SCHEMA:
+        raise ValueError(f"{path}: schema is {document.get('schema')!r}, expected {_SCHEMA!r}")
+    return document["logs"]
+
+
+def write_list(folder: Path, entries: Mapping[str, Entry]) -> None:
+    """Write the list, in the order of SITES."""
+    blocks = [_HEAD]
+    for name in SITES:
+        if name in entries:
+            rows = [f"{key} = {json.dumps(value)}" for key, value in entries[name].items()]
+            blocks.append("\n".join([f"[logs.{name}]", *rows]) + "\n")
+    (folder / LIST_NAME).write_text("\n".join(blocks), encoding="utf-8")
+
+
+def difference(made: Made, expected: Entry | None) -> str | None:
+    """One sentence if a log made anew is not the listed one, else None."""
+    if expected is None:
+        return "not in the list"
+    if made.entry["sha256"] == expected["sha256"]:
+        return None
+    if made.entry["content"] == expected["content"]:
+        return "the same content, compressed differently: another version of zstandard"
+    keys = [key for key in expected if key not in ("sha256", "content") and made.entry.get(key) != expected[key]]
+    named = ", ".join(f"{key} {made.entry.get(key)!r} instead of {expected[key]!r}" for key in keys)
+    return f"other content: {named or 'same figures, other numbers in the messages'}"
