@@ -25,7 +25,8 @@ def verdict(run: Run) -> str:
     gains.append(f"{after['length']:.2f} m instead of {before['length']:.2f} m")
     if after["cusps"] != before["cusps"]:
         gains.append(f"{gear_changes(after['cusps'])} instead of {before['cusps']:.0f}")
-    return f"{run.case.name}: {best.name} is {saved:.1%} better: {', '.join(gains)}"
+    share = f"{saved:.1%}" if saved >= 0.001 else "less than 0.1%"
+    return f"{run.case.name}: {best.name} is {share} better: {', '.join(gains)}"
 
 
 def gear_changes(count: float) -> str:
