@@ -19,6 +19,8 @@ from optim.vehicle import Vehicle, roll_out
 
 LENGTH_TOLERANCE = 1e-9
 """Pieces shorter than this [m] are no pieces: below it, differences of coordinates carry no direction."""
+STEER_TOLERANCE = 1e-6
+"""Steering angles that differ by no more are the same [rad]: the flat map and back keeps ten digits."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -209,14 +211,15 @@ def resample(vehicle: Vehicle, path: Path, spacing: float) -> Path:
 
 
 def merge(segments: Sequence[Segment]) -> Path:
-    """Join neighbours of equal direction into one segment; the later one's steering counts at a joint.
+    """Join neighbours of equal direction into one segment where the steering goes on.
 
-    Neighbours whose steering differs at the joint by more than 1e-9 rad stay apart only if their directions
-    differ: with equal directions the jump becomes a step over one sample interval and shows in the steering rate.
+    Where it jumps by more than `STEER_TOLERANCE`, the vehicle stands still to steer, and they stay apart.
     """
     runs: list[list[Segment]] = []
     for segment in segments:
-        if runs and runs[-1][-1].direction == segment.direction:
+        before = runs[-1][-1] if runs else None
+        goes_on = before is not None and before.direction == segment.direction
+        if before is not None and goes_on and abs(segment.phi[0] - before.phi[-1]) <= STEER_TOLERANCE:
             runs[-1].append(segment)
         else:
             runs.append([segment])
@@ -234,7 +237,7 @@ def _joined(run: list[Segment]) -> Segment:
 
 
 def join(*paths: Path) -> Path:
-    """One path after the other, neighbours of equal direction merged."""
+    """One path after the other, merged as `merge` does."""
     return merge([segment for path in paths for segment in path.segments])
 
 

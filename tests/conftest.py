@@ -1,14 +1,21 @@
 """Fixtures that more than one file of tests uses, and the profile of the property tests."""
 
 import pathlib
+from collections.abc import Callable
+from functools import partial
 
+import logs_maker as make
 import pytest
 import recording_factory as factory
 from hypothesis import settings
 from recording_reading import Contents, written
 
 from optim.result import Stop
+from replay.case import Case
+from replay.errors import LogError
 from replay.kernels import drop_stale
+from replay.logs.container import scan
+from replay.logs.records import Limits, Log
 from replay.run import Run
 
 drop_stale()
@@ -53,3 +60,27 @@ def five_file(five: Run, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Pa
 @pytest.fixture(scope="session")
 def five_read(five_file: pathlib.Path) -> Contents:
     return Contents(five_file)
+
+
+@pytest.fixture
+def scanned(tmp_path: pathlib.Path) -> Callable[..., Log]:
+    """The container with these bytes, every channel wanted."""
+
+    def scan_bytes(data: bytes, limits: Limits | None = None) -> Log:
+        file = tmp_path / "log.mcap"
+        file.write_bytes(data)
+        return scan(file, lambda _: True, limits)
+
+    return scan_bytes
+
+
+@pytest.fixture
+def read(tmp_path: pathlib.Path) -> Callable[..., list[Case]]:
+    """The cases of a log that `logs_maker` made."""
+    return partial(make.read_log, tmp_path / "yard.mcap")
+
+
+@pytest.fixture
+def refusal(tmp_path: pathlib.Path) -> Callable[..., LogError]:
+    """The error that reading such a log ends with."""
+    return partial(make.refusal_of, tmp_path / "yard.mcap")

@@ -14,7 +14,7 @@ from mcap_bytes import DEFINITIONS, HEADER, channel, chunk, codes, container, me
 
 from replay.errors import LogError, printable
 from replay.logs.container import scan
-from replay.logs.records import MAGIC, Channel, Limits, Log
+from replay.logs.records import MAGIC, Channel, Log
 
 DATA = Path(__file__).parent / "data"
 REAL_LOGS = sorted(DATA.glob("*.mcap"))
@@ -24,26 +24,16 @@ def every(_: Channel) -> bool:
     return True
 
 
-@pytest.fixture
-def read(tmp_path: Path) -> Callable[..., Log]:
-    def reader(data: bytes, limits: Limits | None = None) -> Log:
-        file = tmp_path / "log.mcap"
-        file.write_bytes(data)
-        return scan(file, every, limits)
-
-    return reader
-
-
 # ---- sound files
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
 @pytest.mark.parametrize("chunked", [True, False])
 def test_messages_by_another_writer_come_back_in_order_of_time(
-    read: Callable[..., Log], compression: CompressionType, chunked: bool
+    scanned: Callable[..., Log], compression: CompressionType, chunked: bool
 ) -> None:
     maker = some_log(compression=compression, chunked=chunked, chunk_size=200)
-    log = read(maker.bytes())
+    log = scanned(maker.bytes())
     found = [(m.channel.topic, m.log_time, m.data) for m in log.messages]
     assert found == [(topic, time, data) for topic, _, _, _, _, data, time in maker.messages]
     assert not log.findings
@@ -75,17 +65,17 @@ def test_payloads_of_other_topics_are_counted_and_not_kept(tmp_path: Path) -> No
     assert scan(file, lambda _: False).messages == ()
 
 
-def test_private_unknown_and_extended_records_are_no_damage(read: Callable[..., Log]) -> None:
+def test_private_unknown_and_extended_records_are_no_damage(scanned: Callable[..., Log]) -> None:
     header = record(1, text("ros2") + text("x") + b"a new field")
     definitions = schema() + channel(extra=b"\7" * 9)
     unknown = record(0x80, b"private") + record(0x7E, b"of the future")
-    log = read(container(unknown, chunk(definitions + message() + unknown), definitions, unknown, header=header))
+    log = scanned(container(unknown, chunk(definitions + message() + unknown), definitions, unknown, header=header))
     assert log.counts == {1: 1}
     assert not log.findings
 
 
-def test_absent_checksums_are_allowed(read: Callable[..., Log]) -> None:
-    log = read(container(chunk(DEFINITIONS + message(), crc=0), data_crc=0))
+def test_absent_checksums_are_allowed(scanned: Callable[..., Log]) -> None:
+    log = scanned(container(chunk(DEFINITIONS + message(), crc=0), data_crc=0))
     assert log.counts == {1: 1}
     assert not log.findings
 
@@ -110,9 +100,9 @@ def test_absent_checksums_are_allowed(read: Callable[..., Log]) -> None:
         (MAGIC + HEADER, "E_TRUNCATED", "cut off"),
     ],
 )
-def test_what_is_no_log_is_named(read: Callable[..., Log], content: bytes, code: str, says: str) -> None:
+def test_what_is_no_log_is_named(scanned: Callable[..., Log], content: bytes, code: str, says: str) -> None:
     with pytest.raises(LogError, match=says) as caught:
-        read(content)
+        scanned(content)
     assert caught.value.code == code
     assert str(caught.value).isprintable()
 
@@ -136,13 +126,13 @@ def test_only_regular_files_are_opened(tmp_path: Path) -> None:
 # ---- what is shown to people
 
 
-def test_text_from_a_log_cannot_reach_the_terminal_as_control_characters(read: Callable[..., Log]) -> None:
+def test_text_from_a_log_cannot_reach_the_terminal_as_control_characters(scanned: Callable[..., Log]) -> None:
     topic = "/evil\x1b[2J\x07\r\n[OK] all passed \u202e"
-    log = read(container(chunk(schema() + channel(topic=topic) + message())))
+    log = scanned(container(chunk(schema() + channel(topic=topic) + message())))
     assert all(line.isprintable() for line in log.warnings)
     assert codes(log) == {"W_TOPIC"}
     with pytest.raises(LogError) as caught:
-        read(container(chunk(schema() + channel(topic=topic) + channel(topic="/other"))))
+        scanned(container(chunk(schema() + channel(topic=topic) + channel(topic="/other"))))
     assert str(caught.value).isprintable()
     assert printable("a\x1b[0m\nb\u202ec\ud800") == "a\\x1b[0m\\nb\\u202ec\\ud800"
     assert len(printable("x" * 1000, 50)) == 50

@@ -1,8 +1,6 @@
 """From log files to cases: what is understood, and what is told about it."""
 
 from collections.abc import Callable
-from functools import partial
-from pathlib import Path
 
 import logs_maker as make
 import numpy as np
@@ -18,16 +16,6 @@ from replay.logs.ros2 import Header, PoseSeries
 
 Read = Callable[..., list[Case]]
 TRUCK, AXLE = make.drive()
-
-
-@pytest.fixture
-def read(tmp_path: Path) -> Read:
-    return partial(make.read_log, tmp_path / "yard.mcap")
-
-
-@pytest.fixture
-def refusal(tmp_path: Path) -> Callable[..., LogError]:
-    return partial(make.refusal_of, tmp_path / "yard.mcap")
 
 
 # ---- what is understood

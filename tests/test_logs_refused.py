@@ -3,8 +3,6 @@
 import dataclasses
 import json
 from collections.abc import Callable
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import logs_maker as make
@@ -18,16 +16,6 @@ from replay.logs import ReadOptions
 
 Read = Callable[..., list[Case]]
 TRUCK, AXLE = make.drive()
-
-
-@pytest.fixture
-def read(tmp_path: Path) -> Read:
-    return partial(make.read_log, tmp_path / "yard.mcap")
-
-
-@pytest.fixture
-def refusal(tmp_path: Path) -> Callable[..., LogError]:
-    return partial(make.refusal_of, tmp_path / "yard.mcap")
 
 
 # ---- which topics
@@ -243,7 +231,7 @@ def test_a_goal_inside_an_obstacle_is_refused_and_a_collision_on_the_way_is_told
     assert "at its last pose (22.50, 20.00) m the truck overlaps obstacle" in str(error)
     (case,) = read(make.log_of(straight, cells=cells))
     (note,) = case.read.notes
-    assert "overlaps obstacles on 57 % of its way, the truck" in note
+    assert "overlaps obstacles on 57 % of its way" in note
     assert "by 0.475 m (at " in note
 
 
@@ -289,3 +277,13 @@ def test_a_recorded_roll_out_is_found_again(read: Read) -> None:
     (case,) = read(make.log_of(states[:, :3]))
     samples = case.problem.recorded.samples
     assert np.abs(np.interp(s, samples.s, samples.phi) - phi).max() < 0.01
+
+
+def test_a_recorded_path_nearer_to_an_obstacle_than_the_margin_is_told_with_place_and_amount(read: Read) -> None:
+    straight = np.linspace([15.0, 20.0, 0.0], [45.0, 20.0, 0.0], 61)
+    cells = make.yard()
+    cells[107, 150] = 100  # from 21.4 m up, beside the side of the bodies at 21.275 m
+    (case,) = read(make.log_of(straight, cells=cells), margin=0.5)
+    (note,) = case.read.notes
+    assert "comes within 0.125 m of an obstacle, the margin is 0.5 m (at " in note
+    assert case.problem.required_clearance == pytest.approx(0.125, abs=1e-5)

@@ -1,8 +1,6 @@
 """Markers as obstacles: footprints, and which markers are there at the time of a path."""
 
 from collections.abc import Callable
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import logs_maker as make
@@ -18,16 +16,6 @@ from replay.logs.ros2 import Header, Marker
 
 Read = Callable[..., list[Case]]
 TRUCK, AXLE = make.drive()
-
-
-@pytest.fixture
-def read(tmp_path: Path) -> Read:
-    return partial(make.read_log, tmp_path / "yard.mcap")
-
-
-@pytest.fixture
-def refusal(tmp_path: Path) -> Callable[..., LogError]:
-    return partial(make.refusal_of, tmp_path / "yard.mcap")
 
 
 def marker(kind: int, scale: tuple[float, float, float], **fields: Any) -> Marker:

@@ -107,6 +107,14 @@ def test_merging_joins_equal_gears_and_leaves_cusps():
     assert merged.length == pytest.approx(10.0)
 
 
+def test_a_jump_of_steering_in_one_gear_is_no_joint():
+    path = random_path(VEHICLE, (6,), seed=6)
+    first, second = (cut(VEHICLE, path, *part).segments[0] for part in ((0, 3), (3, 6)))
+    steered = roll_out_segment(VEHICLE, second.states[0], second.direction, second.s, second.phi + 0.05)
+    assert len(merge([first, steered]).segments) == 2
+    assert len(merge([first, second]).segments) == 1
+
+
 def test_the_trailer_travels_the_length_of_its_axle_curve():
     path = random_path(VEHICLE, (20,), seed=7)
     x, y, theta, alpha = path.segments[0].states.T

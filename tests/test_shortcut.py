@@ -2,27 +2,29 @@ import dataclasses
 
 import numpy as np
 import pytest
+import shapely
 from scenes import random_problem
+from shapely.geometry.base import BaseGeometry
 
 from optim.methods.shortcut import Shortcut
 from optim.objective import objective
-from optim.path import Path, roll_out_segment
-from optim.problem import Problem
+from optim.path import Path, Segment, roll_out_segment
+from optim.problem import Problem, path_clearance
 from optim.scene import make_scene
-from optim.vehicle import Vehicle
+from optim.vehicle import Vehicle, body_corners
 
 VEHICLE = Vehicle()
 BOTH = pytest.mark.parametrize("variant", ["random", "deterministic"])
 
 
-def _straight(start: float, end: float) -> object:
+def _straight(start: float, end: float) -> Segment:
     s = np.linspace(0.0, abs(end - start), 101)
     return roll_out_segment(VEHICLE, np.array([start, 0.0, 0.0, 0.0]), 1 if end > start else -1, s, np.zeros(101))
 
 
 def _needless_cusps() -> Problem:
     """Forward 20 m, back 10 m, forward 20 m, all on one line."""
-    path = Path((_straight(0, 20), _straight(20, 10), _straight(10, 30)))  # type: ignore[arg-type]
+    path = Path((_straight(0, 20), _straight(20, 10), _straight(10, 30)))
     return Problem(vehicle=VEHICLE, scene=make_scene([]), recorded=path)
 
 
@@ -98,15 +100,32 @@ def test_the_seed_decides_which_intervals_are_tried():
     assert paths[0].length == paths[2].length
 
 
-def test_an_obstacle_in_the_way_is_not_cut_through():
-    problem = _needless_cusps()
-    free = Shortcut().solve(problem).path.length
-    wall = np.array([[22.0, 1.8], [26.0, 1.8], [26.0, 6.0], [22.0, 6.0]])
-    beside = dataclasses.replace(problem, scene=make_scene([wall]))
-    assert Shortcut().solve(beside).path.length == pytest.approx(free, abs=1e-3)
-    too_near = dataclasses.replace(problem, scene=make_scene([wall - [0.0, 0.5]]), margin=0.1)
-    assert too_near.required_clearance == pytest.approx(too_near.recorded_clearance)
-    assert too_near.required_clearance < 0.03
+@BOTH
+@pytest.mark.parametrize("seed", [0, 1, 4, 6])
+def test_an_obstacle_in_the_way_is_not_cut_through(variant, seed):
+    problem = dataclasses.replace(random_problem(seed), scene=make_scene([]))
+    method = Shortcut(variant=variant)
+    free = method.solve(problem).path
+    recorded = _swept(problem.recorded).buffer(0.3)
+    ground = _swept(free).difference(recorded)
+    spot = max(shapely.get_parts(ground), key=shapely.area).representative_point()
+    post = shapely.get_coordinates(spot.buffer(0.1, quad_segs=2))[:-1]
+    blocked = dataclasses.replace(problem, scene=make_scene([post]))
+    assert path_clearance(VEHICLE, blocked.scene, free) < 0.0
+    result = method.solve(blocked).path
+    assert path_clearance(VEHICLE, blocked.scene, result) >= blocked.required_clearance - 1e-4
+    assert blocked.required_clearance == pytest.approx(0.1)
+
+
+def _swept(path: Path) -> BaseGeometry:
+    return shapely.union_all(shapely.polygons(body_corners(VEHICLE, path.samples.states).reshape(-1, 4, 2)))
+
+
+def test_no_more_room_is_asked_for_than_the_recorded_path_has():
+    wall = np.array([[22.0, 1.3], [26.0, 1.3], [26.0, 6.0], [22.0, 6.0]])
+    problem = dataclasses.replace(_needless_cusps(), scene=make_scene([wall]))
+    assert problem.required_clearance == pytest.approx(0.025, abs=1e-3)
+    assert Shortcut().solve(problem).path.length == pytest.approx(30.0, abs=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 from optim.arrays import Array
 from optim.fit import Fit
 from optim.problem import Problem
-from optim.scene import clearance, witnesses
+from optim.scene import clearance, swept_clearance, witnesses
 from replay.logs.planar import Refusal
 from replay.logs.poses import RecordedPoses
 
@@ -120,16 +120,31 @@ def _limits(problem: Problem, recorded: RecordedPoses, fit: Fit) -> list[str]:
 
 
 def _collisions(problem: Problem, recorded: RecordedPoses, fit: Fit) -> list[str]:
-    samples = problem.recorded.samples
-    distance = clearance(problem.scene, problem.vehicle, samples.states)
-    least = distance.min(axis=1)
-    worst = int(np.argmin(least))
-    body = BODIES[int(np.argmin(distance[worst]))]
-    where = _place(recorded, fit, float(samples.s[worst]))
-    if least[worst] < 0.0:
-        share = f"{100.0 * np.mean(least < 0.0):.0f} % of its way"
-        return [f"the recorded path overlaps obstacles on {share}, the {body} by {-least[worst]:.3f} m ({where})"]
-    if least[worst] < problem.margin:
-        near = f"comes within {least[worst]:.3f} m of an obstacle, the margin is {problem.margin:g} m"
-        return [f"the recorded path {near} ({where})"]
-    return []
+    """What lies in the way of the recorded path or too near to it, between its samples too."""
+    if problem.recorded_clearance >= problem.margin:
+        return []
+    at, least, body = _least_swept(problem)
+    where = _place(recorded, fit, at)
+    states = problem.recorded.samples.states
+    overlaps = clearance(problem.scene, problem.vehicle, states).min(axis=1) < 0.0
+    if overlaps.any():
+        share = f"{100.0 * np.mean(overlaps):.0f} % of its way"
+        return [f"the recorded path overlaps obstacles on {share}, the {body} by {-least:.3f} m ({where})"]
+    if least < 0.0:
+        text = f"between its samples the recorded path's {body} may touch an obstacle by {-least:.3f} m ({where})"
+        return [text]
+    near = f"comes within {least:.3f} m of an obstacle, the margin is {problem.margin:g} m"
+    return [f"the recorded path's {body} {near} ({where})"]
+
+
+def _least_swept(problem: Problem) -> tuple[float, float, str]:
+    """Arc length [m] at which the recorded path's swept clearance is least, that clearance [m], and the body."""
+    found = []
+    start = 0.0
+    for segment in problem.recorded.segments:
+        swept = swept_clearance(problem.scene, problem.vehicle, segment.s, segment.states, segment.phi)
+        row, body = np.unravel_index(int(np.argmin(swept)), swept.shape)
+        found.append((float(swept[row, body]), start + float(segment.s[row]), BODIES[body]))
+        start += segment.length
+    least, at, body = min(found)
+    return at, least, body
