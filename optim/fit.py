@@ -20,10 +20,11 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from optim.arrays import Array, IntArray, frozen
-from optim.path import Path, segment_from_states
+from optim.path import Path, resample, segment_from_states
 from optim.vehicle import Vehicle, rk4_step_jacobian, roll_out
 
 _STEER_GUESS = 1.2  # [rad]: larger angles are no steering; keeps tan(phi) away from its pole
+_ROOM = 0.9  # steps are laid out this much shorter than the spacing, since the fit may lengthen them
 _LARGEST_STEP = 0.3  # [rad]: a Gauss-Newton step changes no steering angle by more
 
 
@@ -104,10 +105,10 @@ def fit_path(
         if np.abs(step).max() <= options.tolerance:
             break
     gaps = _gaps(vehicle, layout, knots, lengths)[0]
-    path, pose_s = _to_path(vehicle, layout, knots, lengths)
+    path, pose_s = _to_path(layout, knots, lengths)
     at_pose = knots[layout.pose_knot[:, 0]]
     return Fit(
-        path=path,
+        path=resample(vehicle, path, options.spacing),
         pose_s=frozen(pose_s),
         position_error=frozen(np.hypot(*(at_pose[:, :2] - poses[:, :2]).T)),
         heading_error=frozen(np.abs(at_pose[:, 2] - poses[:, 2])),
@@ -125,7 +126,7 @@ def _arc_lengths(poses: Array) -> Array:
 
 
 def _layout(lengths: Array, direction: IntArray, spacing: float) -> _Layout:
-    pieces = np.maximum(1, np.ceil(lengths / spacing - 1e-9).astype(int))
+    pieces = np.maximum(1, np.ceil(lengths / (_ROOM * spacing) - 1e-9).astype(int))
     cusp = np.concatenate([[False], np.diff(direction) != 0, [False]])
     # a cusp has two knots: steering may differ between what is before it and what follows
     before = np.concatenate([[0], np.cumsum(pieces)]) + np.concatenate([[0], np.cumsum(cusp)[:-1]])
@@ -267,7 +268,7 @@ def _constraints(
     return rows
 
 
-def _to_path(vehicle: Vehicle, layout: _Layout, knots: Array, lengths: Array) -> tuple[Path, Array]:
+def _to_path(layout: _Layout, knots: Array, lengths: Array) -> tuple[Path, Array]:
     ds = lengths[layout.interval] / layout.pieces[layout.interval]
     breaks = np.flatnonzero(np.diff(layout.left) > 1) + 1
     segments = []

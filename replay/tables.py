@@ -54,6 +54,13 @@ def reasons(run: Run) -> list[str]:
     return [f"{method.name}: {method.status} ({method.stop}). {method.reason}" for method in run.methods]
 
 
+def recorded_failures(run: Run) -> list[str]:
+    """One line for each check of the audit that the recorded path does not pass."""
+    checks = run.recorded_audit["checks"].items()
+    failed = [(name, check["sentence"]) for name, check in checks if not check["passed"]]
+    return [f"the recorded path does not pass the audit: {name}: {sentence}" for name, sentence in failed]
+
+
 def checks_table(reports: Mapping[str, Mapping[str, Any]]) -> Table:
     """Audit reports, as plain data, by the name of the path: every number that is checked, and its limit."""
     table = _table("check", "what")

@@ -42,6 +42,7 @@ def test_noisy_poses_give_a_drivable_path_near_them_whose_ends_are_the_logs(seed
     fit = fit_path(VEHICLE, noisy, gears, None, states[0, 3])
     assert fit.converged
     assert _largest_defect(fit.path) < 1e-6
+    assert max(np.diff(segment.s).max() for segment in fit.path.segments) <= 0.1 + 1e-9
     np.testing.assert_allclose(fit.path.start[:3], noisy[0], atol=1e-9)
     np.testing.assert_allclose(fit.path.goal[:3], noisy[-1], atol=1e-9)
     assert np.sqrt(np.mean(fit.position_error**2)) < 0.05

@@ -17,7 +17,7 @@ from replay.logs import ReadOptions, read_cases
 from replay.progress import Progress
 from replay.results import to_document, write_results
 from replay.run import Interrupted, Run, run_case
-from replay.tables import reasons, result_table, verdict
+from replay.tables import reasons, recorded_failures, result_table, verdict
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -116,6 +116,8 @@ class Session:
         compile_s = sum(method.compile_s for method in run.methods)
         if compile_s >= 1.0:
             self.voice.note(f"{compile_s:.0f} s more went into compiling; that is kept for the next runs")
+        for line in recorded_failures(run):
+            self.voice.note(f"{run.case.name}: {line}")
         for line, method in zip(reasons(run), run.methods, strict=True):
             say = self.voice.detail if method.status == "improved" else self.voice.note
             say(f"{run.case.name}: {line}")

@@ -9,6 +9,7 @@ import numpy as np
 
 from optim.arrays import Array, frozen
 from optim.fit import Fit, fit_path
+from optim.path import LENGTH_TOLERANCE
 from optim.problem import Problem
 from optim.vehicle import Vehicle
 from replay.case import Case, ReadReport
@@ -140,7 +141,7 @@ class _Reader:
         recorded = recorded_poses(plane, self.options.start_direction)
         alpha = self._hitch(request, plane, recorded, log_map.centre)
         fit = self._fit(recorded, alpha)
-        log_map.check_under(self.vehicle, _states(recorded, fit))
+        log_map.check_under(self.vehicle, _states(fit))
         nodes, node_notes = self._nodes(recorded, fit)
         problem = Problem(
             vehicle=self.vehicle,
@@ -150,7 +151,7 @@ class _Reader:
             nodes=nodes,
         )
         check_ends(problem, log_map.hint)
-        checks = check_recorded(problem, recorded, fit, alpha)
+        checks = check_recorded(problem, recorded, fit, alpha, log_map.hint)
         all_notes = (*notes, *log_map.notes, *planar_notes, *recorded.notes, *node_notes, *checks)
         off, turned = deviation(plane, recorded, fit)
         read = ReadReport(
@@ -211,11 +212,11 @@ def _with_notes(case: Case, notes: tuple[str, ...], lost: bool) -> Case:
     return dataclasses.replace(case, read=dataclasses.replace(case.read, notes=every, lost=lost))
 
 
-def _states(recorded: RecordedPoses, fit: Fit) -> Array:
-    """The logged poses with the fitted hitch angles. Shape (n, 4)."""
+def _states(fit: Fit) -> Array:
+    """The fitted path at the logged poses: where the bodies stood, without the noise of the headings. Shape (n, 4)."""
     samples = fit.path.samples
-    alpha = np.interp(fit.pose_s, samples.s, samples.states[:, 3])
-    return np.column_stack([recorded.poses, alpha])
+    rows = np.searchsorted(samples.s, fit.pose_s - LENGTH_TOLERANCE)
+    return samples.states[np.minimum(rows, len(samples.s) - 1)]
 
 
 def _common_frame(request: _Request, log_map: LogMap, map_topic: Topic) -> str:

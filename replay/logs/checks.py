@@ -7,7 +7,7 @@ import numpy as np
 from optim.arrays import Array
 from optim.fit import Fit
 from optim.problem import Problem
-from optim.scene import clearance, swept_clearance, witnesses
+from optim.scene import swept_clearance, witnesses
 from replay.logs.planar import Refusal
 from replay.logs.poses import RecordedPoses
 
@@ -67,15 +67,17 @@ def deviation(plane: Array, recorded: RecordedPoses, fit: Fit) -> tuple[float, f
     return max(float(fit.position_error.max()), float(across.max())), float(fit.heading_error.max())
 
 
-def check_recorded(problem: Problem, recorded: RecordedPoses, fit: Fit, alpha: Array | None) -> list[str]:
+def check_recorded(
+    problem: Problem, recorded: RecordedPoses, fit: Fit, alpha: Array | None, hint: Callable[[Array], str]
+) -> list[str]:
     """One line for each thing that is wrong with a recorded path that can be used all the same.
 
-    alpha: logged hitch angles at the poses (n,), or None.
+    alpha: logged hitch angles at the poses (n,), or None. hint: as for `check_ends`.
     """
     notes = [
         *_deviations(recorded, fit),
         *_limits(problem, recorded, fit),
-        *_collisions(problem, recorded, fit),
+        *_collisions(problem, recorded, fit, hint),
     ]
     if alpha is None and np.abs(problem.recorded.samples.states[:, 3]).max() >= np.pi / 2.0:
         notes.append("the hitch angle that the motion asks for reaches 90 degrees; is the initial hitch angle right?")
@@ -119,22 +121,24 @@ def _limits(problem: Problem, recorded: RecordedPoses, fit: Fit) -> list[str]:
     return notes
 
 
-def _collisions(problem: Problem, recorded: RecordedPoses, fit: Fit) -> list[str]:
+def _collisions(problem: Problem, recorded: RecordedPoses, fit: Fit, hint: Callable[[Array], str]) -> list[str]:
     """What lies in the way of the recorded path or too near to it, between its samples too."""
     if problem.recorded_clearance >= problem.margin:
         return []
     at, least, body = _least_swept(problem)
     where = _place(recorded, fit, at)
-    states = problem.recorded.samples.states
-    overlaps = clearance(problem.scene, problem.vehicle, states).min(axis=1) < 0.0
+    near = witnesses(problem.scene, problem.vehicle, problem.recorded.samples.states)
+    overlaps = near.distance.min(axis=1) < 0.0
     if overlaps.any():
         share = f"{100.0 * np.mean(overlaps):.0f} % of its way"
-        return [f"the recorded path overlaps obstacles on {share}, the {body} by {-least:.3f} m ({where})"]
+        row, worst = np.unravel_index(int(np.argmin(near.distance)), near.distance.shape)
+        text = f"the recorded path overlaps obstacles on {share}, the {body} by {-least:.3f} m ({where})"
+        return [text + hint(near.on_obstacle[row, worst])]
     if least < 0.0:
         text = f"between its samples the recorded path's {body} may touch an obstacle by {-least:.3f} m ({where})"
         return [text]
-    near = f"comes within {least:.3f} m of an obstacle, the margin is {problem.margin:g} m"
-    return [f"the recorded path's {body} {near} ({where})"]
+    close = f"comes within {least:.3f} m of an obstacle, the margin is {problem.margin:g} m"
+    return [f"the recorded path's {body} {close} ({where})"]
 
 
 def _least_swept(problem: Problem) -> tuple[float, float, str]:
