@@ -32,7 +32,7 @@ def test_there_are_twelve_sample_logs() -> None:
     assert len(LOGS) == 12
 
 
-@pytest.mark.parametrize("stem", ["bay_02", "lot_01", "dock_01"])
+@pytest.mark.parametrize("stem", ["bay_02", "lot_01", "angled_02"])
 def test_coarse_and_noisy_poses_without_trailer_and_vehicle_are_improved_too(stem: str, tmp_path: Path) -> None:
     (case,) = read_cases(LOGS[0].with_name(f"{stem}.mcap"))
     assert case.map is not None
@@ -41,8 +41,7 @@ def test_coarse_and_noisy_poses_without_trailer_and_vehicle_are_improved_too(ste
     log = make.LogMaker().add("/map", cells, 1).add("/plan", make.path(poses), 2).write(tmp_path / "noisy.mcap")
     (noisy,) = read_cases(log)
     run = run_case(noisy, METHODS)
-    failed = {name for name, check in run.recorded_audit["checks"].items() if not check["passed"]}
-    assert failed <= {"clearance"}  # the alley of dock_01 is narrower than the noise
+    assert run.recorded_audit["passed"], run.recorded_audit
     assert all(method.status == "improved" for method in run.methods)
     hitch = [np.abs(problem.recorded.samples.states[:, 3]).max() for problem in (case.problem, noisy.problem)]
     assert hitch[1] == pytest.approx(hitch[0], abs=0.03)

@@ -150,7 +150,7 @@ class _Reader:
             margin=self.options.margin,
             nodes=nodes,
         )
-        check_ends(problem, log_map.hint)
+        check_ends(problem, log_map.hint, alpha is None)
         checks = check_recorded(problem, recorded, fit, alpha, log_map.hint)
         all_notes = (*notes, *log_map.notes, *planar_notes, *recorded.notes, *node_notes, *checks)
         off, turned = deviation(plane, recorded, fit)

@@ -34,10 +34,11 @@ def check_fit(fit: Fit) -> None:
     raise Refusal("E_KINEMATICS", text)
 
 
-def check_ends(problem: Problem, hint: Callable[[Array], str]) -> None:
+def check_ends(problem: Problem, hint: Callable[[Array], str], is_reconstructed: bool) -> None:
     """Raise Refusal (E_START_COLLISION, E_GOAL_COLLISION) if an end of the recorded path overlaps an obstacle.
 
-    hint: called with a point of the obstacle; what a user may try, or an empty text.
+    hint: called with a point of the obstacle; what a user may try, or an empty text. is_reconstructed: the hitch
+    angle is integrated from an assumed one.
     """
     states = np.stack([problem.recorded.start, problem.recorded.goal])
     near = witnesses(problem.scene, problem.vehicle, states)
@@ -51,6 +52,8 @@ def check_ends(problem: Problem, hint: Callable[[Array], str]) -> None:
                 f"at its {name} pose ({x:.2f}, {y:.2f}) m the {BODIES[body]} overlaps obstacle "
                 f"{near.polygon[row, body]} at ({at[0]:.2f}, {at[1]:.2f}) m by {depth:.3f} m"
             )
+            if is_reconstructed and body == 1:
+                text += "; its hitch angle is integrated from `--initial-hitch`"
             raise Refusal(code, text + hint(at))
 
 

@@ -15,9 +15,9 @@ MAX_CELLS = 64_000_000
 """Most cells of one grid."""
 RESOLUTIONS = (0.01, 2.0)
 """Smallest and largest side of a cell [m]."""
-MOST_UNKNOWN = 0.05
-"""Share of a body's area that may lie over unknown cells [-]: a strip of 13 cm along a side, which noise in the
-poses makes of a narrow passage. It counts as a collision then, and is told as one."""
+MOST_UNKNOWN = 0.25
+"""Share of a body's area from which it stands on unknown cells [-]. Less is told as a collision: in a narrow passage
+noise in the poses moves a trailer's tail by decimetres."""
 OUTSIDE = 127
 """`cells_at` of a point that lies outside the grid."""
 
