@@ -22,6 +22,16 @@ class Problem:
     """Clearance to keep from every obstacle [m]: swept clearance >= min(margin, the recorded path's own)."""
     nodes: Array | None = None
     """Arc lengths of the recorded path [m] at which the planner's tree nodes lie. Shape (K,), or None if unknown."""
+    start: Path | None = None
+    """Where a method begins if not with the recorded path: an earlier result for this problem.
+
+    It has the ends of the recorded path (the last heading up to full turns) and keeps the required clearance, which
+    stays that of the recorded path."""
+
+    @property
+    def initial(self) -> Path:
+        """The path that a method begins with, and gives back where it finds nothing better."""
+        return self.recorded if self.start is None else self.start
 
     @cached_property
     def recorded_clearance(self) -> float:

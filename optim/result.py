@@ -1,8 +1,10 @@
 """What a method gives back. Its word is not believed: `optim.audit` decides."""
 
 import enum
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
 
 from optim.path import Path
 
@@ -20,7 +22,7 @@ class Stop(enum.Enum):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Iterate:
-    """An accepted iterate, as the recording plays it back."""
+    """A path on the way to the result, or a trial that was turned down, as the recording plays it back."""
 
     iteration: int
     path: Path
@@ -30,6 +32,14 @@ class Iterate:
     """Largest violation of a constraint, in the method's own scaling; 0 for methods that stay feasible."""
     step: float = 0.0
     """Size of the step that led here: m of path replaced, or the method's own norm."""
+    residuals: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """What decides convergence, by name, each divided by its tolerance [-]: converged when all are <= 1."""
+    accepted: bool = True
+    """False for a trial step that was turned down; the path is the trial's then, and may violate anything."""
+    trust_region: float = math.nan
+    """Radius relative to the first one [-]; NaN for methods without a trust region."""
+    solver_s: float = math.nan
+    """Time inside a foreign solver for this iterate, as that solver says [s]; NaN for methods without one."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -42,6 +42,6 @@ class Progress:
         self._task = self._bars.add_task(printable(work), total=None, state=state)
 
     def iterate(self, iterate: Iterate) -> None:
-        """The present work has come to this iterate."""
-        if self._task is not None:
+        """The present work has come to this iterate; trials that were turned down lead nowhere."""
+        if self._task is not None and iterate.accepted:
             self._bars.update(self._task, state=f"iteration {iterate.iteration}, J {iterate.objective:.2f}")

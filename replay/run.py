@@ -13,6 +13,7 @@ from numba.core import event
 
 from optim.audit import AuditReport, audit_path, audit_recorded
 from optim.methods import Method
+from optim.methods.chain import Chain
 from optim.metrics import metrics
 from optim.path import Path
 from optim.problem import Problem
@@ -23,7 +24,7 @@ from replay.results import path_to_document, scene_to_document
 Status = Literal["improved", "kept", "failed"]
 
 MOST_ITERATES = 400
-"""Iterates kept of one method's history, at most; the first and the last always are."""
+"""Iterates kept for playing back, at most; the first and the last accepted one always are."""
 LEAST_GAIN = 1e-9
 """Relative gain in J below which a path is no better than the recorded one: rounding alone reaches 1e-12."""
 
@@ -47,10 +48,10 @@ class MethodRun:
     iterations: int
     wall_s: float
     """Time that the method took [s]; neither the audit nor compilation is included."""
-    history: list[dict[str, float]]
-    """Of every iterate: iteration, objective, violation, step."""
+    history: list[dict[str, Any]]
+    """Of every iterate, also of trials turned down: each field of `Iterate` but the path, by its name."""
     iterates: tuple[Iterate, ...]
-    """For playing back; thinned evenly to at most `MOST_ITERATES`."""
+    """The accepted ones, for playing back; thinned evenly to at most `MOST_ITERATES`."""
     rejected: dict[str, Any] | None = None
     """The audit of the path that the method gave, if that audit did not pass."""
     rejected_path: Path | None = None
@@ -127,33 +128,44 @@ def run_case(
 
 
 class _Iterates:
-    """Collects iterates: the scalars of all of them, and paths thinned to a bounded number."""
+    """Collects iterates: the scalars of all of them, and accepted paths thinned to a bounded number."""
 
     def __init__(self, name: str, forward: Callable[[str, Iterate], None] | None) -> None:
         self.name = name
         self.forward = forward
-        self.history: list[dict[str, float]] = []
+        self.history: list[dict[str, Any]] = []
+        self._num_accepted = 0
         self._kept: list[Iterate] = []
         self._last: Iterate | None = None
         self._stride = 1
 
     def __call__(self, iterate: Iterate) -> None:
-        if len(self.history) % self._stride == 0:
+        self.history.append(_scalars(iterate))
+        if iterate.accepted:
+            self._keep(iterate)
+        if self.forward is not None:
+            self.forward(self.name, iterate)
+
+    def _keep(self, iterate: Iterate) -> None:
+        if self._num_accepted % self._stride == 0:
             self._kept.append(iterate)
         if len(self._kept) >= MOST_ITERATES:
             self._kept = self._kept[::2]
             self._stride *= 2
+        self._num_accepted += 1
         self._last = iterate
-        scalars = ("iteration", "objective", "violation", "step")
-        self.history.append({key: getattr(iterate, key) for key in scalars})
-        if self.forward is not None:
-            self.forward(self.name, iterate)
 
     @property
     def kept(self) -> tuple[Iterate, ...]:
         if self._last is None or self._kept[-1] is self._last:
             return tuple(self._kept)
         return (*self._kept, self._last)
+
+
+def _scalars(iterate: Iterate) -> dict[str, Any]:
+    """Everything of an iterate but its path."""
+    fields = (field.name for field in dataclasses.fields(iterate) if field.name != "path")
+    return {name: getattr(iterate, name) for name in fields} | {"residuals": dict(iterate.residuals)}
 
 
 def _run_method(run: Run, name: str, method: Method, iterates: _Iterates) -> MethodRun:
@@ -239,6 +251,8 @@ def _audit_recorded(problem: Problem) -> dict[str, Any]:
 
 
 def _options(method: Method) -> dict[str, Any]:
-    """A method's options; empty for a method that is no dataclass."""
+    """A method's options; of a chain, each part's by its name; empty for a method that is no dataclass."""
+    if isinstance(method, Chain):
+        return {name: _options(part) for name, part in method.parts}
     fields = dataclasses.fields(method) if dataclasses.is_dataclass(method) else ()
     return {field.name: getattr(method, field.name) for field in fields}

@@ -1,12 +1,15 @@
 """Colours and labels of the paths: the same in every picture, plot, table and report.
 
 The recorded path is neutral grey. Methods take the colours of Okabe and Ito (Color Universal Design, 2008), which
-stay apart for colour-blind eyes, in an order that is fixed by name: a method keeps its colour whatever else ran.
+stay apart for colour-blind eyes, each fixed by name: a method keeps its colour whatever else ran.
 """
 
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
+
+from optim.methods.chain import JOINT
 
 Colour = tuple[int, int, int]
 
@@ -31,20 +34,41 @@ _METHODS: Final = {
     "nlp": Style(label="NLP", colour=(204, 121, 167)),
     "scp": Style(label="SCP", colour=(0, 114, 178)),
 }
-_SPARE: Final[tuple[Colour, ...]] = ((240, 228, 66), (213, 94, 0), (160, 130, 255))
+_SPARE: Final[tuple[Colour, ...]] = (
+    (240, 228, 66),
+    (150, 110, 255),
+    (60, 235, 215),
+    (150, 90, 50),
+    (235, 60, 235),
+    (150, 240, 60),
+)
+"""For names without a colour of their own; 30 apart in CIE Lab, from each other and from all others, at least."""
 
 
 def styles(names: Iterable[str]) -> dict[str, Style]:
-    """The style of each method by name, in the order given; methods unknown here share the spare colours in turn."""
+    """The style of each method or chain of methods by name, in the order given.
+
+    What is not among the methods known here takes a spare colour that its name decides; where that is taken, the
+    next free one.
+    """
     chosen: dict[str, Style] = {}
-    spare = 0
     for name in names:
-        if name in _METHODS:
-            chosen[name] = _METHODS[name]
-        else:
-            chosen[name] = Style(label=name, colour=_SPARE[spare % len(_SPARE)])
-            spare += 1
+        chosen[name] = _METHODS.get(name) or Style(
+            label=_label(name), colour=_spare(name, {style.colour for style in chosen.values()})
+        )
     return chosen
+
+
+def _label(name: str) -> str:
+    """A chain's parts by their labels."""
+    parts = name.split(JOINT)
+    return f" {JOINT} ".join(_METHODS[part].label if part in _METHODS else part for part in parts)
+
+
+def _spare(name: str, taken: set[Colour]) -> Colour:
+    first = zlib.crc32(name.encode("utf-8", "surrogatepass"))
+    turns = [_SPARE[(first + k) % len(_SPARE)] for k in range(len(_SPARE))]
+    return next((colour for colour in turns if colour not in taken), turns[0])
 
 
 def as_uint32(colour: Colour, alpha: int = 255) -> int:

@@ -2,11 +2,13 @@
 
 import dataclasses
 import functools
+import math
 import pathlib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from optim.methods import Method
 from optim.objective import objective
 from optim.path import Path, Segment, join, reverse, roll_out_segment, segment_from_states
 from optim.problem import Problem
@@ -19,6 +21,7 @@ from replay.run import Run, run_case
 VEHICLE = Vehicle()
 START = np.array([-21.0, 27.0, 0.0, 0.0])
 GOAL = np.array([0.0, 13.2, np.pi / 2, 0.0])
+RESIDUALS = ("defect", "violation", "step")
 BAY = 3.7  # [m] between parked trailers
 
 
@@ -117,6 +120,41 @@ class Prepared:
         return Result(path=self.path or problem.recorded, stop=self.stop, reason=self.reason, iterations=3 * len(paths))
 
 
+class Iterative:
+    """A method as SCP is one: accepted steps with residuals, a trust region and solver times, and trials turned down.
+
+    Every third iteration is such a trial; its path and its J are the result's, which nothing should show early.
+    """
+
+    def __init__(self, path: Path, iterates: Sequence[Path], seed: int = 0, names: Sequence[str] = RESIDUALS) -> None:
+        self.path, self.iterates, self.seed, self.names = path, iterates, seed, names
+
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        rng = np.random.default_rng(self.seed)
+        paths, radius, number = [*self.iterates, self.path], 1.0, 0
+        for k, path in enumerate(paths):
+            turned_down = k % 2 == 1
+            for accepted in (False, True) if turned_down else (True,):
+                sizes = 10.0 ** (3.0 - 4.0 * k / len(paths) - 0.4 * np.arange(len(self.names)) + 0.3 * rng.normal())
+                radius *= 1.3 if accepted else 0.4
+                shown = path if accepted else self.path
+                on_iterate(
+                    Iterate(
+                        iteration=number,
+                        path=shown,
+                        objective=objective(shown, problem.weights),
+                        violation=0.5 * 0.3**k,
+                        step=radius,
+                        residuals=dict(zip(self.names, sizes.tolist(), strict=True)),
+                        accepted=accepted,
+                        trust_region=radius if number else 1.0,
+                        solver_s=0.02 + 0.004 * rng.random() if number else math.nan,
+                    )
+                )
+                number += 1
+        return Result(path=self.path, stop=Stop.CONVERGED, reason="All residuals are small.", iterations=number - 1)
+
+
 @functools.cache
 def recorded_path() -> Path:
     return with_retrace(manoeuvre(15.0, 0.30, wiggle=0.06, seed=3), 300)
@@ -166,7 +204,7 @@ def case(
     )
 
 
-def make_run(methods: Mapping[str, Prepared] | None = None, **case_options: object) -> Run:
+def make_run(methods: Mapping[str, Method] | None = None, **case_options: object) -> Run:
     """A run of the prepared methods; one that improves the path unless told otherwise."""
     chosen = methods if methods is not None else {"shortcut": Prepared(manoeuvre(8.0, 0.34), towards((8.0, 0.34), 8))}
     run = run_case(case(**case_options), chosen)  # pyright: ignore[reportArgumentType]

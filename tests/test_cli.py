@@ -109,6 +109,11 @@ def test_every_command_explains_itself(run, command):
         (["optimize", BAY, "--shortcut.tries", "many"], ["--shortcut.tries", "many"]),
         (["optimize", BAY, "--shortcut.tries", "-4"], ["shortcut: tries is -4"]),
         (["optimize", BAY, "--method", "shortct"], ["'shortct'", "Did you mean 'shortcut'?"]),
+        (
+            ["optimize", BAY, "--method", "shortcut+shortct"],
+            ["'shortct' in 'shortcut+shortct'", "Did you mean 'shortcut'?"],
+        ),
+        (["optimize", BAY, "--method", "shortcut+"], ["unknown method '' in 'shortcut+'. There are: shortcut"]),
         (["optimize", BAY, "--weights.cusp", "-1"], ["weights: cusp is -1"]),
         (["optimize", BAY, "--margin", "40"], ["margin is 40"]),
         (["optimize", BAY, "--unknown", "maybe"], ["--unknown", "obstacle", "free"]),
@@ -178,6 +183,20 @@ def test_flags_reach_the_method_the_weights_and_the_reader(run, log, tmp_path):
 def test_a_methods_own_seed_wins_over_the_common_one(run, log, tmp_path):
     assert run("optimize", log, *QUICK, "--seed", "5", "--shortcut.seed", "6").status == 0
     assert json.loads((tmp_path / "yard.results.json").read_text())["tool"]["options"]["shortcut"]["seed"] == 6
+
+
+def test_names_joined_by_a_plus_run_one_after_the_other_with_their_flags(run, log, tmp_path):
+    said = run("optimize", log, *QUICK, "--method", "shortcut", "--method", "shortcut+shortcut", "--seed", "5")
+    assert said.status == 0
+    assert max(map(len, said.out.splitlines())) <= 100
+    document = json.loads((tmp_path / "yard.results.json").read_text())
+    alone, chain = document["methods"]
+    assert (alone["name"], chain["name"]) == ("shortcut", "shortcut+shortcut")
+    assert (alone["iterations"], chain["iterations"]) == (20, 40)
+    assert chain["metrics"]["objective"] <= alone["metrics"]["objective"]
+    part = document["tool"]["options"]["shortcut+shortcut"]["shortcut"]
+    assert (part["tries"], part["seed"]) == (20, 5)
+    assert run("audit", "yard.results.json").status == 0
 
 
 def test_a_log_that_fails_does_not_stop_the_others(run, log, tmp_path):
@@ -276,6 +295,7 @@ def test_info_shows_the_channels_of_a_log_without_a_path(run, log, tmp_path):
 
 def test_methods_lists_every_option_with_its_flag(run):
     listed, document = run("methods"), run("methods", "--json").document
+    assert "joined by +" in listed.out
     assert [method["name"] for method in document["methods"]] == list(METHODS)
     for method in document["methods"]:
         assert method["summary"]

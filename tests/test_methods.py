@@ -72,9 +72,11 @@ def test_iterates_start_with_the_recorded_path_and_end_with_the_result(name):
     numbers = [iterate.iteration for iterate in iterates]
     assert numbers[0] == 0
     assert numbers == sorted(set(numbers))
+    accepted = [iterate for iterate in iterates if iterate.accepted]
+    assert iterates[0] is accepted[0]
     assert iterates[0].path is problem.recorded
-    assert iterates[-1].path is result.path
-    assert iterates[-1].objective == pytest.approx(objective(result.path, problem.weights))
+    assert accepted[-1].path is result.path
+    assert accepted[-1].objective == pytest.approx(objective(result.path, problem.weights))
     assert isinstance(result.stop, Stop)
     assert result.reason
     assert "\n" not in result.reason

@@ -21,7 +21,7 @@ from replay.recording import picture, text, write_recording
 from replay.recording.tracks import chosen_rows, tracks_of
 from replay.recording.writing import Unwritable, recording_id, verify
 from replay.run import Run
-from replay.style import RECORDED, styles
+from replay.style import ALARM, RECORDED, styles
 
 
 def test_the_same_results_have_the_same_identity_and_others_have_another(one: Run, five: Run) -> None:
@@ -93,6 +93,34 @@ def test_methods_keep_their_colours_whatever_else_ran() -> None:
     everything = styles(["shortcut", "cpo", "ddp", "nlp", "scp", "x", "y"])
     assert len({style.colour for style in everything.values()} | {RECORDED.colour}) == 8
     assert styles(["scp"])["scp"] == everything["scp"]
+
+
+def test_a_chain_has_a_colour_of_its_own_that_its_name_decides() -> None:
+    chains = [f"{a}+{b}" for a in ("shortcut", "cpo", "ddp") for b in ("nlp", "scp")]
+    fixed = styles(["shortcut", "cpo", "ddp", "nlp", "scp"])
+    for name in chains:
+        (alone,) = styles([name]).values()
+        assert styles([*fixed, name])[name] == alone
+        assert alone.colour not in {style.colour for style in fixed.values()} | {RECORDED.colour, ALARM}
+    assert len({style.colour for style in styles(chains).values()}) == len(chains)
+    assert styles(["shortcut+scp"])["shortcut+scp"].label == "Shortcut + SCP"
+
+
+def _lightness_and_hue(colour: tuple[int, int, int]) -> np.ndarray:
+    """CIE L*a*b* of an sRGB colour under D65."""
+    share = np.array(colour) / 255.0
+    linear = np.where(share > 0.04045, ((share + 0.055) / 1.055) ** 2.4, share / 12.92)
+    primaries = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+    x, y, z = np.cbrt(primaries @ linear / [0.9505, 1.0, 1.089])
+    return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
+
+
+def test_all_colours_can_be_told_apart() -> None:
+    names = ["shortcut", "cpo", "ddp", "nlp", "scp", *(f"other {k}" for k in range(6))]
+    colours = [RECORDED.colour, ALARM, *(style.colour for style in styles(names).values())]
+    places = [_lightness_and_hue(colour) for colour in colours]
+    apart = [np.linalg.norm(a - b) for k, a in enumerate(places) for b in places[:k]]
+    assert min(apart) > 25.0
 
 
 @settings(max_examples=25, deadline=None)
@@ -168,15 +196,34 @@ def test_an_audits_value_is_shown_in_degrees_or_metres() -> None:
     assert text.measured({}) == ""
 
 
-def test_the_blueprint_names_every_tab(one_file: pathlib.Path) -> None:
-    reader = RrdReader(one_file)
+def names_in_blueprint(path: pathlib.Path) -> set[str]:
+    """Of all containers and views."""
+    reader = RrdReader(path)
     (store,) = reader.blueprints()
-    names = [
+    batches = [chunk.to_record_batch() for chunk in reader.stream(store=store)]
+    columns = [f"{kind}:display_name" for kind in ("ContainerBlueprint", "ViewBlueprint")]
+    return {
         row[0]
-        for chunk in reader.stream(store=store)
-        for column in [chunk.to_record_batch()]
-        if "ContainerBlueprint:display_name" in column.schema.names
-        for row in column.column("ContainerBlueprint:display_name").to_pylist()
+        for batch in batches
+        for column in columns
+        if column in batch.schema.names
+        for row in batch.column(column).to_pylist()
         if row
-    ]
-    assert {"Overview", "Side by side", "Signals", "Convergence"} <= set(names)
+    }
+
+
+def test_the_blueprint_names_every_tab(one_file: pathlib.Path) -> None:
+    assert {"Overview", "Side by side", "Signals", "Convergence"} <= names_in_blueprint(one_file)
+
+
+def test_there_is_no_plot_without_data(one_file: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    over_iterations = {"Largest residual, log10", "Constraint violation, log10", "Trust region / first, log10"}
+    over_iterations |= {"Time in the solver [ms]", "Residuals"}
+    assert "Objective J [-]" in names_in_blueprint(one_file)
+    assert not over_iterations & names_in_blueprint(one_file)
+    named = {"defect / tolerance, log10", "step / tolerance, log10"}
+    path = factory.manoeuvre(8.0, 0.34)
+    iterative = written(factory.make_run({"scp": factory.Iterative(path, [path] * 3)}), tmp_path)
+    assert over_iterations | named <= names_in_blueprint(iterative)
+    lone = written(factory.make_run({"scp": factory.Iterative(path, [path] * 3, names=("step",))}), tmp_path)
+    assert "Residuals" not in names_in_blueprint(lone), "the largest one is the only one"

@@ -57,7 +57,8 @@ class Answer:
     stop: Stop = Stop.CONVERGED
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
-        on_iterate(Iterate(iteration=0, path=problem.recorded, objective=30.0, step=math.inf))
+        residuals = {"defect": 12.5, "step": math.inf}
+        on_iterate(Iterate(iteration=0, path=problem.recorded, objective=30.0, step=math.inf, residuals=residuals))
         return Result(path=self.path, stop=self.stop, reason="Nothing was left to do.", iterations=1)
 
 
@@ -141,7 +142,16 @@ def test_the_same_document_makes_the_same_bytes_with_sorted_keys(tmp_path: pathl
 
 
 def test_what_is_not_finite_becomes_null(stored: Document) -> None:
-    assert stored["methods"][0]["history"][0]["step"] is None
+    row = stored["methods"][0]["history"][0]
+    assert row["step"] is None
+    assert row["trust_region"] is None
+    assert row["solver_s"] is None
+
+
+def test_a_history_says_what_decided_convergence(stored: Document) -> None:
+    row = stored["methods"][0]["history"][0]
+    assert row["residuals"] == {"defect": 12.5, "step": None}
+    assert row["accepted"] is True
 
 
 def test_numpy_numbers_and_arrays_become_plain_ones(tmp_path: pathlib.Path, stored: Document) -> None:

@@ -10,6 +10,7 @@ import pytest
 from numba import njit
 from rich.console import Console
 
+from optim.methods.chain import Chain
 from optim.objective import Weights
 from optim.path import Path, roll_out_segment
 from optim.problem import Problem
@@ -70,6 +71,20 @@ class Raises:
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         on_iterate(Iterate(iteration=0, path=problem.recorded, objective=20.0))
         raise self.error
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Tries:
+    """A method that turns down two trials after each iterate, also at the end."""
+
+    rounds: int = 4
+
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        for k in range(3 * self.rounds):
+            residuals = {"defect": 1.0 / k} if k else {}
+            path = problem.recorded if k % 3 == 0 else BETTER
+            on_iterate(Iterate(iteration=k, path=path, objective=20.0, residuals=residuals, accepted=k % 3 == 0))
+        return Result(path=problem.recorded, stop=Stop.STALLED, reason="Stuck.", iterations=3 * self.rounds)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -195,7 +210,22 @@ def test_iterates_are_thinned_evenly_and_the_first_and_the_last_are_kept(count):
     assert (numbers[0], numbers[-1]) == (0, count - 1)
     assert len(set(np.diff(numbers[:-1]).tolist())) <= 1
     assert [entry["iteration"] for entry in method.history] == list(range(count))
-    assert set(method.history[0]) == {"iteration", "objective", "violation", "step"}
+
+
+def test_history_keeps_all_of_an_iterate_but_its_path():
+    (method,) = run_case(case(), {"tries": Tries()}).methods
+    names = {field.name for field in dataclasses.fields(Iterate)} - {"path"}
+    assert [set(row) for row in method.history] == [names] * 12
+    assert method.history[2]["residuals"] == {"defect": 0.5}
+    assert [row["accepted"] for row in method.history] == [True, False, False] * 4
+    assert math.isnan(method.history[0]["solver_s"])
+
+
+def test_trials_that_were_turned_down_are_not_played_back():
+    (method,) = run_case(case(), {"tries": Tries(rounds=3 * MOST_ITERATES)}).methods
+    assert all(iterate.accepted for iterate in method.iterates)
+    assert MOST_ITERATES / 2 <= len(method.iterates) <= MOST_ITERATES
+    assert (method.iterates[0].iteration, method.iterates[-1].iteration) == (0, 9 * MOST_ITERATES - 3)
 
 
 def test_a_method_without_iterates_is_no_problem():
@@ -246,6 +276,13 @@ def test_options_and_seed_are_noted():
     assert run.options["answer"]["num_iterates"] == 3
     assert run.options["nothing"] == {}
     assert run.seed == 7
+
+
+def test_the_options_of_a_chain_are_those_of_its_parts():
+    chain = Chain(parts=(("answer", Answer(path=RECORDED, num_iterates=2)), ("tries", Tries(rounds=5))))
+    run = run_case(case(), {"answer+tries": chain})
+    assert run.options["answer+tries"]["answer"]["num_iterates"] == 2
+    assert run.options["answer+tries"]["tries"] == {"rounds": 5}
 
 
 def test_the_table_of_a_run_fits_80_columns_and_says_how_each_path_fared():

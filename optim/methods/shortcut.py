@@ -67,14 +67,14 @@ class Shortcut:
                 raise ValueError(f"shortcut: {name} is {getattr(self, name)!r}, expected {words}")
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
-        """Shorten `problem.recorded`; ends, limits and `problem.required_clearance` are kept."""
+        """Shorten `problem.initial`; ends, limits and `problem.required_clearance` are kept."""
         if self.variant == "random":
             return self._solve_random(problem, on_iterate)
         return self._solve_deterministic(problem, on_iterate)
 
     def _solve_random(self, problem: Problem, on_iterate: OnIterate) -> Result:
         rng = np.random.default_rng(self.seed)
-        track = _Track.of(problem, problem.recorded, self.cost)
+        track = _Track.of(problem, problem.initial, self.cost)
         _tell(on_iterate, problem, track, 0)
         accepted = 0
         for trial in range(1, self.tries + 1):
@@ -90,7 +90,7 @@ class Shortcut:
         return Result(path=track.path, stop=Stop.ITERATION_LIMIT, reason=reason, iterations=self.tries)
 
     def _solve_deterministic(self, problem: Problem, on_iterate: OnIterate) -> Result:
-        track = _Track.of(problem, problem.recorded, self.cost)
+        track = _Track.of(problem, problem.initial, self.cost)
         _tell(on_iterate, problem, track, 0)
         nodes = _nodes(problem, track, self.spacing_of_nodes)
         num_nodes, tries, accepted = len(nodes) + 1, 0, 0
@@ -207,15 +207,18 @@ def _interval(rng: np.random.Generator, track: _Track, longest: float) -> tuple[
 
 
 def _nodes(problem: Problem, track: _Track, spacing: float) -> list[float]:
-    """Arc lengths of the parent nodes after the first: the log's, else segment ends and equal spacing."""
+    """Arc lengths of the parent nodes after the first: the log's where the track is the recorded path.
+
+    Without such nodes, segment ends and equal spacing.
+    """
     total = track.path.length
-    if problem.nodes is not None:
+    if problem.nodes is not None and problem.start is None:
         nodes = np.append(problem.nodes, total)
     else:
         ends = np.cumsum([segment.length for segment in track.path.segments])
         nodes = np.concatenate([np.linspace(0.0, total, max(2, math.ceil(total / spacing) + 1)), ends])
     nodes = np.unique(np.round(nodes, 6))
-    return [float(s) for s in nodes if s > 0.5 * problem.recorded.segments[0].s[1]]
+    return [float(s) for s in nodes if s > 0.5 * problem.initial.segments[0].s[1]]
 
 
 def _replace(

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from optim.methods import METHODS, Method
+from optim.methods.chain import JOINT
 from replay.cli.console import Common, Voice
 from replay.cli.options import Option, options_of, summary_of
 from replay.cli.usage import ExitStatus
@@ -16,6 +17,7 @@ def methods(common: Annotated[Common | None, Parameter(name="*")] = None) -> int
     voice = Voice(common or Common())
     for name, method in METHODS.items():
         voice.show(f"{name}: {summary_of(method)}", options_table(options_of(method, name)))
+    voice.show(f"Names joined by {JOINT} run one after the other, each from where the one before ended.")
     found = [_method_document(name, method) for name, method in METHODS.items()]
     voice.document({"schema": "replay.methods/1", "methods": found})
     return ExitStatus.OK

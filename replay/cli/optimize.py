@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 from cyclopts import Parameter
 
 from optim.methods import METHODS, Method
+from optim.methods.chain import named
 from optim.objective import Weights
 from replay.cli.console import Common, Voice
 from replay.cli.options import UsageError, flags_of, with_flags
@@ -46,7 +47,8 @@ def optimize(
     logs
         MCAP files.
     method
-        A method to run, by name; may be given several times. All methods by default.
+        A method to run, by name; may be given several times. Names joined by +, as in A+B, run one after the other,
+        each from where the one before ended. All methods, each by itself, by default.
     out
         Folder for the files, made if it is missing: STEM.rrd and STEM.results.json for each log. STEM is the log's
         name; where a log holds several requests, their numbers follow it (STEM-0, STEM-1).
@@ -79,8 +81,14 @@ def _with_options(options: Any, seed: int | None) -> dict[str, Method]:
 
 
 def _chosen(names: list[str] | None, methods: Mapping[str, Method]) -> dict[str, Method]:
-    """The named methods, in the order given, each once; all when none is named."""
-    for name in names or ():
-        if name not in methods:
-            raise UsageError(unknown("method", name, methods))
-    return {name: methods[name] for name in names or methods}
+    """The named methods and chains of methods, in the order given, each once; all methods when none is named."""
+    return {name: _named(name, methods) for name in names or methods}
+
+
+def _named(name: str, methods: Mapping[str, Method]) -> Method:
+    try:
+        return named(name, methods)
+    except KeyError as error:
+        part = error.args[0]
+        where = "" if part == name else f"in {name!r}"
+        raise UsageError(unknown("method", part, methods, where)) from error

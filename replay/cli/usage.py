@@ -20,9 +20,10 @@ class ExitStatus(enum.IntEnum):
     """Stopped by Ctrl-C; what was finished is kept."""
 
 
-def unknown(kind: str, word: str, choices: Iterable[str]) -> str:
-    """One sentence about a word that is not among the choices: the nearest of them, and all of them."""
+def unknown(kind: str, word: str, choices: Iterable[str], where: str = "") -> str:
+    """One sentence about a word that is not among the choices: where it stands, the nearest of them, all of them."""
     choices = list(choices)
     nearest = difflib.get_close_matches(word, choices, n=1)
     guess = f" Did you mean {nearest[0]!r}?" if nearest else ""
-    return f"unknown {kind} {word!r}.{guess} There are: {', '.join(choices)}"
+    place = f" {where}" if where else ""
+    return f"unknown {kind} {word!r}{place}.{guess} There are: {', '.join(choices)}"

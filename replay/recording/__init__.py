@@ -8,9 +8,10 @@ Timelines: `progress` (0 to 1000, gear changes aligned where the paths have as m
     /scene/<path>/vehicle/{truck,trailer}                            outlines, moved by transforms
     /scene/<path>/whisker                                            line to the nearest obstacle, where it is near
     /scene/<path>/iterate                                            one polyline per iterate
-    /signals/<signal>/<path>, /signals/<signal>/limit                scalars
+    /signals/<signal>/<path>, /signals/<signal>/limit                scalars; on `iteration` each iterate's extreme
     /gear/<path>                                                     states
-    /solver/{objective,violation_log10}/<method>                     scalars by iteration
+    /solver/<quantity>/<method>, turned_down below, level beside     scalars by iteration
+    /solver/residuals_log10/<residual>/<method>                      each relative to its tolerance
     /report/{summary,convergence,vehicle,run,audit}                  markdown
 """
 

@@ -7,6 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from optim.problem import Problem
+from replay.recording.convergence import Plot
 from replay.recording.entities import OUTSIDE, entity
 from replay.recording.picture import Frame
 from replay.recording.signals import limits_of, signals_of
@@ -28,15 +29,17 @@ class Content(NamedTuple):
     frame: Frame  # the plan views without a legend
     legend: float  # height of the overview's legend above the frame [m]
     areas_legend: float  # height of the swept area's legend [m]
-    has_iterates: bool
-    has_violation: bool
+    progress: list[Plot]  # over the iterations
+    residuals: list[Plot]
 
 
 def blueprint(content: Content) -> rrb.Blueprint:
     """Tabs; the first one is the answer, the others the reasons."""
     tabs = [_overview(content), _side_by_side(content), _signals(content)]
-    if content.has_iterates:
+    if content.progress:
         tabs.append(_convergence(content))
+    if content.residuals:
+        tabs.append(_residuals(content))
     tabs += [_areas(content), _details()]
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=0),
@@ -73,15 +76,10 @@ def _everything() -> rrb.TimeAxis:
 
 
 def _plot(
-    name: str,
-    title: str,
-    y_range: tuple[float, float] | None,
-    *,
-    legend: rrb.Corner2D | None,
-    group: str = "signals",
+    origin: str, title: str, y_range: tuple[float, float] | None, *, legend: rrb.Corner2D | None
 ) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
-        origin=entity(group, name),
+        origin=origin,
         name=plain(title),
         axis_x=_everything(),
         axis_y=rrb.ScalarAxis(range=y_range) if y_range else None,
@@ -100,7 +98,7 @@ def _signal(content: Content, name: str, legend: rrb.Corner2D | None) -> rrb.Tim
     if name == "clearance_m":
         lowest = min(float(track.distance.min()) for track in content.tracks)
         title = f"Clearance to the nearest obstacle [m], required {number(limits[0])} m"
-        return _plot(name, title, (min(0.0, 1.1 * lowest), _CLEARANCE_SHOWN), legend=legend)
+        return _plot(entity("signals", name), title, (min(0.0, 1.1 * lowest), _CLEARANCE_SHOWN), legend=legend)
     largest = max(float(np.abs(signals_of(content.problem, track)[name]).max()) for track in content.tracks)
     top = 1.15 * min(max(limits[-1], largest), 3.0 * limits[-1])
     title = {
@@ -108,7 +106,7 @@ def _signal(content: Content, name: str, legend: rrb.Corner2D | None) -> rrb.Tim
         "hitch_deg": f"Hitch angle α [°], limit ±{number(limits[-1], 1)}°",
         "curvature_per_m": f"Trailer curvature κ [1/m], limit ±{number(limits[-1], 3)}",
     }[name]
-    return _plot(name, title, (-top, top), legend=legend)
+    return _plot(entity("signals", name), title, (-top, top), legend=legend)
 
 
 def _overview(content: Content) -> rrb.Horizontal:
@@ -164,12 +162,23 @@ def _convergence(content: Content) -> rrb.Horizontal:
     shown = ["/scene/legend/paths", *_of(content.tracks[0], "path", "cusps")]
     shown += [path for track in content.tracks[1:] if track.iterates for path in _of(track, "iterate")]
     help_line = rrb.TextDocumentView(origin="/report/convergence", name="What this shows")
-    plots = [_plot("objective", "Objective J [-]", None, legend=rrb.Corner2D.LeftBottom, group="solver")]
-    if content.has_violation:
-        plots.append(_plot("violation_log10", "Constraint violation, log10 [-]", None, legend=None, group="solver"))
-    right = rrb.Vertical(help_line, *plots, row_shares=[0.22, *(1.0 for _ in plots)])
+    first, *rest = (_over_iterations(plot, legend=None) for plot in content.progress)  # the plan view has one
+    columns = 2 if len(rest) > 3 else 1
+    others = [rrb.Grid(*rest, grid_columns=columns)] if rest else []
+    shares = [1.0, *(1.4 if columns == 2 else 0.55 * len(rest) for _ in others)]
+    right = rrb.Vertical(help_line, first, *others, row_shares=[0.18 * sum(shares), *shares])
     plan = _plan(content, "Iterates over the recorded path", shown, content.legend)
     return rrb.Horizontal(plan, right, column_shares=[11, 9], name="Convergence")
+
+
+def _over_iterations(plot: Plot, legend: rrb.Corner2D | None) -> rrb.TimeSeriesView:
+    return _plot(entity(*plot.parts), plot.title, plot.y_range, legend=legend)
+
+
+def _residuals(content: Content) -> rrb.Grid:
+    """Each with its own legend: not every method has every residual. At the lower left there is seldom a curve."""
+    plots = [_over_iterations(plot, legend=rrb.Corner2D.LeftBottom) for plot in content.residuals]
+    return rrb.Grid(*plots, grid_columns=2 if len(plots) in (2, 4) else 3, name="Residuals")
 
 
 def _areas(content: Content) -> rrb.Spatial2DView:

@@ -1,4 +1,4 @@
-"""The plots: curvature, steering, hitch angle, clearance and gear along each path; J over a method's iterations."""
+"""The plots along each path: curvature, steering, hitch angle, clearance and gear."""
 
 import math
 from collections.abc import Mapping
@@ -8,9 +8,11 @@ import numpy as np
 import rerun as rr
 
 from optim.arrays import Array
+from optim.path import Path
 from optim.problem import Problem
+from optim.scene import witnesses
 from replay.recording.entities import entity
-from replay.recording.scene import columns_of, iteration_columns
+from replay.recording.scene import columns_of
 from replay.recording.text import plain
 from replay.recording.tracks import PROGRESS, Track
 from replay.style import ALARM
@@ -21,15 +23,25 @@ REVERSE: Final = (112, 66, 44)
 
 def signals_of(problem: Problem, track: Track) -> Mapping[str, Array]:
     """What is plotted of a path by entity name, in the units the names end in; rows as the track's."""
-    alpha = track.states[:, 3]
+    return _signals(problem, track.states, track.phi, track.distance)
+
+
+def _signals(problem: Problem, states: Array, phi: Array, distance: Array) -> Mapping[str, Array]:
+    alpha = states[:, 3]
     values = {
-        "steering_deg": np.degrees(track.phi),
+        "steering_deg": np.degrees(phi),
         "hitch_deg": np.degrees(alpha),
         "curvature_per_m": -np.tan(alpha) / problem.vehicle.hitch_to_axle,
     }
-    if np.isfinite(track.distance).all():
-        values["clearance_m"] = track.distance
-    return values
+    return values | ({"clearance_m": distance} if np.isfinite(distance).all() else {})
+
+
+def _extremes(problem: Problem, path: Path) -> Mapping[str, float]:
+    """What stands for a whole path on `iteration`: the least clearance, and of all else the largest magnitude."""
+    samples = path.samples
+    distance = witnesses(problem.scene, problem.vehicle, samples.states).distance.min(axis=1)
+    signals = _signals(problem, samples.states, samples.phi, distance)
+    return {name: float(x.min() if name == "clearance_m" else np.abs(x).max()) for name, x in signals.items()}
 
 
 def limits_of(problem: Problem) -> Mapping[str, tuple[float, ...]]:
@@ -45,27 +57,43 @@ def limits_of(problem: Problem) -> Mapping[str, tuple[float, ...]]:
 
 
 def log_signals(rec: rr.RecordingStream, problem: Problem, tracks: list[Track]) -> None:
-    """All signals of all paths of their own, and the limits."""
+    """All signals of all paths of their own, those of iterates, and the limits."""
     for track in tracks:
-        if not track.is_own:
-            continue
         look = rr.SeriesLines(
             colors=[track.style.colour],
             names=[plain(track.style.label)],
             widths=[3.0 if track.status == "recorded" else 2.0],
         )
+        if track.is_own:
+            _log_gear(rec, track)
         for signal, values in signals_of(problem, track).items():
             path = entity("signals", signal, track.name)
-            rec.send_columns(path, columns_of(track), rr.Scalars.columns(scalars=values))
             rec.log(path, look, static=True)
-        _log_gear(rec, track)
+            if track.is_own:
+                rec.send_columns(path, columns_of(track), rr.Scalars.columns(scalars=values))
+    last = max([1, *(track.iterates[-1].iteration for track in tracks if track.iterates)])
+    _log_iterates(rec, problem, tracks, last)
     longest = max(int(track.arc_cm[-1]) for track in tracks)
-    ends = [rr.TimeColumn("progress", sequence=[0, PROGRESS]), rr.TimeColumn("arc_cm", sequence=[0, longest])]
+    ends = {"progress": PROGRESS, "arc_cm": longest, "iteration": last}
+    columns = [rr.TimeColumn(name, sequence=[0, end]) for name, end in ends.items()]
     for signal, limits in limits_of(problem).items():
         path, count = entity("signals", signal, "limit"), len(limits)
-        rec.send_columns(path, ends, rr.Scalars.columns(scalars=[*limits, *limits]).partition([count, count]))
+        rec.send_columns(path, columns, rr.Scalars.columns(scalars=[*limits, *limits]).partition([count, count]))
         look = rr.SeriesLines(colors=[ALARM] * count, names=["limit"] * count, widths=[1.0] * count)
         rec.log(path, look, static=True)
+
+
+def _log_iterates(rec: rr.RecordingStream, problem: Problem, tracks: list[Track], last: int) -> None:
+    """The extremes of every iterate, and the recorded path's as a level."""
+    for track in tracks:
+        if track.status == "recorded":
+            numbers, rows = [0, last], [_extremes(problem, track.path)] * 2
+        else:
+            numbers = [iterate.iteration for iterate in track.iterates]
+            rows = [_extremes(problem, iterate.path) for iterate in track.iterates]
+        for signal in rows[0] if rows else ():
+            path, column = entity("signals", signal, track.name), [rr.TimeColumn("iteration", sequence=numbers)]
+            rec.send_columns(path, column, rr.Scalars.columns(scalars=[row[signal] for row in rows]))
 
 
 def _log_gear(rec: rr.RecordingStream, track: Track) -> None:
@@ -78,34 +106,3 @@ def _log_gear(rec: rr.RecordingStream, track: Track) -> None:
     rec.send_columns(path, when, rr.StateChange.columns(state=gears))
     names = ["forward", "reverse"]
     rec.log(path, rr.StateConfiguration(values=names, labels=names, colors=[FORWARD, REVERSE]), static=True)
-
-
-def log_convergence(rec: rr.RecordingStream, tracks: list[Track]) -> None:
-    """J over the iterations, the recorded path's as a level, and the violation of methods that have one."""
-    last = 1
-    for track in tracks:
-        history = track.run.history if track.run is not None else []
-        if not history:
-            continue
-        last = max(last, int(history[-1]["iteration"]))
-        violation = np.array([row["violation"] for row in history])
-        _log_solver(rec, track, "objective", np.array([row["objective"] for row in history]))
-        if (violation > 0.0).any():
-            _log_solver(rec, track, "violation_log10", np.log10(np.maximum(violation, 1e-12)))
-    level = tracks[0].metrics["objective"]
-    ends = [rr.TimeColumn("iteration", sequence=[0, last]), rr.TimeColumn("progress", sequence=[0, PROGRESS])]
-    path = entity("solver", "objective", "recorded")
-    rec.send_columns(path, ends, rr.Scalars.columns(scalars=[level, level]))
-    look = rr.SeriesLines(colors=[tracks[0].style.colour], names=[tracks[0].style.label], widths=[3.0])
-    rec.log(path, look, static=True)
-
-
-def _log_solver(rec: rr.RecordingStream, track: Track, name: str, values: Array) -> None:
-    assert track.run is not None
-    path, known = entity("solver", name, track.name), np.isfinite(values)
-    numbers = [int(row["iteration"]) for row, keep in zip(track.run.history, known, strict=True) if keep]
-    if not numbers:
-        return
-    rec.send_columns(path, iteration_columns(numbers, track), rr.Scalars.columns(scalars=values[known]))
-    look = rr.SeriesLines(colors=[track.style.colour], names=[plain(track.style.label)], widths=[2.0])
-    rec.log(path, look, static=True)

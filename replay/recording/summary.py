@@ -111,13 +111,20 @@ def _checks(audit: Mapping[str, Any]) -> Iterable[tuple[str, Mapping[str, Any]]]
 
 
 def convergence_help(tracks: list[Track]) -> str:
-    """One line above the convergence plots."""
+    """What the convergence plots show; nothing about what there is none of."""
+    rows = [row for track in tracks if track.run is not None for row in track.run.history]
     quiet = [cell(track.style.label) for track in tracks[1:] if not track.iterates]
-    line = (
-        "Every method starts from the recorded path (progress 0) and ends with its result (1000); **space** plays. "
-        "Choose the timeline **iteration** (bottom left) to step through single iterations."
-    )
-    return line + (f" No iterates: {', '.join(quiet)}." if quiet else "")
+    lines = [
+        "Every method from the recorded path (progress 0) to its result (1000); **space** plays. On the timeline "
+        "**iteration** (bottom left), one step is one iteration, and Signals shows each iterate's extremes."
+    ]
+    if any(row["residuals"] for row in rows):
+        lines.append("Residuals are relative to their tolerances: converged below the **red line**.")
+    if not all(row["accepted"] for row in rows):
+        lines.append("**✗** marks a trial step that was turned down.")
+    if quiet:
+        lines.append(f"No iterates: {', '.join(quiet)}.")
+    return " ".join(lines)
 
 
 def vehicle_sheet(run: "Run") -> str:

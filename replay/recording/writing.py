@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from optim.arrays import Array
-from replay.recording import ground, scene, signals, summary
+from replay.recording import convergence, ground, scene, signals, summary
 from replay.recording.blueprint import Content, blueprint
 from replay.recording.entities import BODIES, entity
 from replay.recording.local import localised
@@ -95,7 +95,8 @@ def _fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Arra
         scene.log_iterates(rec, track)
         scene.log_rejected(rec, track, frame)
     signals.log_signals(rec, problem, tracks)
-    signals.log_convergence(rec, tracks)
+    progress, residuals = convergence.main_plots(tracks), convergence.residual_plots(tracks)
+    convergence.log_plots(rec, progress + residuals)
     _log_reports(rec, run, tracks, best, offset)
     _send_properties(rec, run, tracks, best)
     content = Content(
@@ -105,8 +106,8 @@ def _fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Arra
         frame=frame,
         legend=legend,
         areas_legend=areas_legend,
-        has_iterates=any(track.iterates for track in tracks),
-        has_violation=any(row["violation"] > 0.0 for method in run.methods for row in method.history),
+        progress=progress,
+        residuals=residuals,
     )
     rec.send_blueprint(blueprint(content))
 

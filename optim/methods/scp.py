@@ -1,0 +1,75 @@
+"""Successive convexification: the problem of `optim.methods.transcription` by a sequence of convex ones.
+
+Source: Esteban Cabezos 2020, section 4.4 (non-linear optimisation); after SCvx (Mao, Szmuk, Acikmese 2018) and SCvx*
+(Oguri 2023), with the curvature of the Lagrangian in the model and a second-order correction. The sub-problem is
+stated in cvxpy and solved by Clarabel. See `optim.scp.statement` for it, `optim.scp.loop` for the loop, and
+`optim.methods.rounds` for what is done about clearance between knots and needless gear changes.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from optim.methods.rounds import RoundOptions, improve
+from optim.problem import Problem
+from optim.result import OnIterate, Result, ignore
+from optim.scp.loop import Loop, LoopOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scp:
+    """Non-linear optimisation by successive convexification (cvxpy, Clarabel)."""
+
+    spacing: float = 0.35
+    """Distance between knots [m]; step lengths may become up to twice as long."""
+    max_iterations: int = 60
+    """Sub-problems of one solution, at most."""
+    tolerance: float = 1e-5
+    """A solution has converged when the convex model predicts a decrease of J of at most this share [-]."""
+    feasibility: float = 1e-7
+    """... and the largest defect and missing clearance are at most this, in units of 0.3 wheelbases and 0.2 rad."""
+    trust_region: float = 1.0
+    """First radius: steering and heading change by at most 1.5 * 0.2 rad times this, step lengths by half."""
+    weight: float = 1e4
+    """First weight of the squared virtual control and slack; grows while the violation does not fall."""
+    corrections: int = 3
+    """Second-order corrections of a step, at most."""
+    removals: int = 3
+    """Segments of the converged path whose removal is tried, shortest first."""
+    solver: Literal["clarabel", "piqp", "qoco", "osqp"] = "clarabel"
+    """Solver of the sub-problems; others than Clarabel must be installed (pip install piqp qoco osqp)."""
+    time_limit: float = 60.0
+    """Time in the solver, all sub-problems together [s]."""
+
+    def __post_init__(self) -> None:
+        expected = {
+            "spacing": ("more than 0 and at most 2 m", 0.0 < self.spacing),
+            "max_iterations": ("1 or more", self.max_iterations >= 1),
+            "tolerance": ("more than 0", self.tolerance > 0.0),
+            "feasibility": ("more than 0", self.feasibility > 0.0),
+            "trust_region": ("more than 0", self.trust_region > 0.0),
+            "weight": ("more than 0", self.weight > 0.0),
+            "corrections": ("0 or more", self.corrections >= 0),
+            "removals": ("0 or more", self.removals >= 0),
+            "solver": ("clarabel, piqp, qoco or osqp", self.solver in ("clarabel", "piqp", "qoco", "osqp")),
+            "time_limit": ("more than 0 s", self.time_limit > 0.0),
+        }
+        for name, (words, is_valid) in expected.items():
+            if not is_valid:
+                raise ValueError(f"scp: {name} is {getattr(self, name)!r}, expected {words}")
+
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        """Improve `problem.initial`; ends, limits and `problem.required_clearance` are kept."""
+        shortest = 0.5 * self.spacing
+        options = LoopOptions(
+            solver=self.solver,
+            max_iterations=self.max_iterations,
+            tolerance=self.tolerance,
+            feasibility=self.feasibility,
+            trust_region=self.trust_region,
+            weight=self.weight,
+            corrections=self.corrections,
+            time_limit=self.time_limit,
+            shortest=shortest,
+        )
+        rounds = RoundOptions(spacing=self.spacing, shortest=shortest, max_removals=self.removals)
+        return improve(problem, Loop(problem, self.spacing, options), rounds, on_iterate)
