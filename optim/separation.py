@@ -58,8 +58,8 @@ def separations(scene: Scene, vehicle: Vehicle, states: Array, reach: float, mos
             break
         room = 2 * count
     table = table[:count]
-    index = [frozen_int(table[:, column]) for column in range(3)]
-    return Separations(*index, frozen(table[:, 3]), frozen(table[:, 4:]))
+    knot, body, polygon = (frozen_int(table[:, column]) for column in range(3))
+    return Separations(knot, body, polygon, frozen(table[:, 3]), frozen(table[:, 4:]))
 
 
 @njit(cache=True)

@@ -106,8 +106,11 @@ def test_every_command_explains_itself(run, command):
         (["optmize", BAY], ["optmize", "Did you mean 'optimize'?", "audit"]),
         (["optimize"], ["LOGS"]),
         (["optimize", BAY, "--shortcut.trie", "5"], ["--shortcut.trie", "Did you mean --shortcut.tries?"]),
-        (["optimize", BAY, "--shortcut.tries", "many"], ["--shortcut.tries", "many"]),
-        (["optimize", BAY, "--shortcut.tries", "-4"], ["shortcut: tries is -4"]),
+        (
+            ["optimize", BAY, "--method", "shortcut", "--shortcut.tries", "many"],
+            ["--method", "shortcut", "--shortcut.tries", "many"],
+        ),
+        (["optimize", BAY, "--method", "shortcut", "--shortcut.tries", "-4"], ["shortcut: tries is -4"]),
         (["optimize", BAY, "--method", "shortct"], ["'shortct'", "Did you mean 'shortcut'?"]),
         (
             ["optimize", BAY, "--method", "shortcut+shortct"],
@@ -140,7 +143,7 @@ def test_wrong_usage_and_unusable_input_are_one_line_and_status_2(run, arguments
 
 
 def test_a_log_becomes_a_table_a_recording_and_a_results_file(run, tmp_path):
-    said = run("optimize", BAY, "--shortcut.tries", "40", "--out", "new/folder")
+    said = run("optimize", BAY, "--method", "shortcut", "--shortcut.tries", "40", "--out", "new/folder")
     assert said.status == 0
     lines = said.out.splitlines()
     assert lines[0].startswith("bay_01/0: shortcut is ")

@@ -152,6 +152,7 @@ def _descend(
     best: _Best | None = None
     required = _required(problem, knots)
     iterations = 0
+    outcome = Outcome(knots=knots, stop=Stop.ITERATION_LIMIT, reason="no round was allowed", iterations=0)
     for _ in range(options.max_rounds + 1):
         outcome = solve(knots, required, tell)
         iterations += outcome.iterations

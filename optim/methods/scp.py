@@ -42,7 +42,7 @@ class Scp:
 
     def __post_init__(self) -> None:
         expected = {
-            "spacing": ("more than 0 and at most 2 m", 0.0 < self.spacing),
+            "spacing": ("more than 0 m", self.spacing > 0.0),
             "max_iterations": ("1 or more", self.max_iterations >= 1),
             "tolerance": ("more than 0", self.tolerance > 0.0),
             "feasibility": ("more than 0", self.feasibility > 0.0),

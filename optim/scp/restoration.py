@@ -42,7 +42,7 @@ def restore(problem: Problem, knots: Knots, factor: Array, scales: Scales, limit
     short = limits.required[rows.knot, rows.body] - rows.distance
     keep = np.flatnonzero((short > 0.0) & (rows.knot > 0) & (rows.knot < count - 1))
     knot, gradient = rows.knot[keep], rows.gradient[keep] * scales.state / scales.length
-    total, dynamics = _STATES * count, 4 * steps
+    total = _STATES * count
     right = np.concatenate([np.zeros(total), -(gaps / scales.state).ravel(), short[keep] / scales.length])
     system = _system(factor, jac, knot, gradient, count)
     # along the path: the unknowns of a knot, its clearances' multipliers, those of the interval after it
@@ -82,6 +82,7 @@ def _system(factor: Array, jac: Array, knot: IntArray, gradient: Array, count: i
     upper.append((row, start[:, None] + _STATES + np.arange(4), np.full((steps, 4), -1.0)))
     upper += [(own, _STATES * knot + c, gradient[:, c]) for c in range(4)]
     rows, columns, values = (np.concatenate([np.ravel(part[i]) for part in upper]) for i in range(3))
+    columns = columns.astype(np.int64)
     values = np.where(free[columns], values, 0.0)
     block_rows, block_columns = np.repeat(inputs, 4, axis=1).ravel(), np.tile(inputs, (1, 4)).ravel()
     blocks = np.where(free[block_rows] & free[block_columns], curvature.ravel(), 0.0)

@@ -2,17 +2,18 @@
 
 import warnings
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from scipy import sparse
 
-from optim.arrays import Array
+from optim.arrays import Array, frozen
 from optim.methods.transcription import Knots
 from optim.scp.linearisation import Linearisation, Scales
 from optim.scp.statement import SLOTS, VACUOUS, Statement, bucket, statement
 from optim.vehicle import Vehicle
 
+_NOTHING: Final = frozen(np.zeros(0))
 _ANGLE_SHARE, _STEP_SHARE = 1.5, 0.5
 """Scaled angles and step lengths may change by this share of the radius."""
 
@@ -50,19 +51,19 @@ class Step:
     solver_s: float
     """Time in the solver, by its own account [s]."""
     solver_iterations: int = 0
-    q: Array | None = None
+    q: Array = _NOTHING
     """Change of the states. Shape (K, 4)."""
-    phi: Array | None = None
+    phi: Array = _NOTHING
     """Shape (K,)."""
-    h: Array | None = None
+    h: Array = _NOTHING
     """Shape (K - 1,)."""
-    nu: Array | None = None
+    nu: Array = _NOTHING
     """Virtual control times sqrt(w). Shape (K - 1, 4)."""
-    zeta: Array | None = None
+    zeta: Array = _NOTHING
     """Slack of the clearances times sqrt(w). Shape (K, 2)."""
-    r: Array | None = None
+    r: Array = _NOTHING
     """F times the step; half its square is the curvature's part of the model. Shape (K - 1, 5)."""
-    multipliers: Array | None = None
+    multipliers: Array = _NOTHING
     """Of the scaled dynamics. Shape (K - 1, 4)."""
 
     @property
@@ -203,23 +204,24 @@ def _solve_clarabel(stated: Statement, values: dict[str, Array], count: int, tim
 
     cvxpy's own way to Clarabel keeps these rows and unpacks every variable and multiplier.
     """
-    import clarabel
+    import clarabel  # its module is compiled: type checkers cannot see into it
 
+    solver: Any = clarabel
     data = stated.data(values)
     matrix = sparse.csr_matrix(data.A)
     matrix.eliminate_zeros()
     says_something = (np.diff(matrix.indptr) > 0) & (data.b < 0.5 * VACUOUS)
     keep, equalities = np.flatnonzero(says_something), int(says_something[: data.equalities].sum())
     matrix = sparse.csc_matrix(matrix[keep])
-    settings = clarabel.DefaultSettings()
+    settings = solver.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
     settings.presolve_enable = False
     settings.time_limit = time_limit
-    cones = [clarabel.ZeroConeT(equalities), clarabel.NonnegativeConeT(len(keep) - equalities)]
+    cones = [solver.ZeroConeT(equalities), solver.NonnegativeConeT(len(keep) - equalities)]
     upper = sparse.csc_matrix(sparse.triu(data.P))
-    solution = clarabel.DefaultSolver(upper, data.q, matrix, data.b[keep], cones, settings).solve()
-    status = "optimal" if solution.status == clarabel.SolverStatus.Solved else str(solution.status)
+    solution = solver.DefaultSolver(upper, data.q, matrix, data.b[keep], cones, settings).solve()
+    status = "optimal" if solution.status == solver.SolverStatus.Solved else str(solution.status)
     if status != "optimal":
         return Step(status, solution.solve_time, solution.iterations)
     multipliers = np.asarray(solution.z)[: 4 * (stated.num_knots - 1)].reshape(4, -1).T

@@ -1,0 +1,177 @@
+"""IPOPT at the knots: build, solve, look for pairs that were left out, and say in our words how it ended."""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from optim.arrays import Array
+from optim.methods.rounds import Outcome, Report, Tell
+from optim.methods.transcription import Knots, defects, objective_of
+from optim.nlp.duals import Pairs, pairs_within
+from optim.nlp.model import Program, Units, build
+from optim.problem import Problem
+from optim.result import Stop
+from optim.separation import separations
+
+_WORDS = {
+    "Solve_Succeeded": (Stop.CONVERGED, "converged"),
+    "Solved_To_Acceptable_Level": (Stop.CONVERGED, "converged to IPOPT's acceptable level only"),
+    "Maximum_Iterations_Exceeded": (Stop.ITERATION_LIMIT, "the iterations were not enough"),
+    "Maximum_CpuTime_Exceeded": (Stop.TIME_LIMIT, "out of time"),
+    "Maximum_WallTime_Exceeded": (Stop.TIME_LIMIT, "out of time"),
+    "Infeasible_Problem_Detected": (Stop.INFEASIBLE, "no clear and drivable path near this one"),
+    "Restoration_Failed": (Stop.STALLED, "IPOPT's restoration found no way back to the constraints"),
+    "Search_Direction_Becomes_Too_Small": (Stop.STALLED, "IPOPT's steps became too small"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class IpoptOptions:
+    """Constants; what they mean to users is said in `optim.methods.nlp`."""
+
+    max_iterations: int
+    tolerance: float
+    time_limit: float
+    reach: float
+    obstacles_later: bool
+
+
+class Ipopt:
+    """IPOPT on one problem; call it as `optim.methods.rounds.AtKnots`."""
+
+    def __init__(self, problem: Problem, spacing: float, options: IpoptOptions) -> None:
+        self.problem, self.options = problem, options
+        self.step_range = np.array([0.01, 2.0]) * spacing
+        self.units = Units(origin=problem.initial.start[:2].copy(), length=problem.vehicle.wheelbase)
+        self.remaining = options.time_limit
+        self._last: Knots | None = None
+
+    def __call__(self, knots: Knots, required: Array, tell: Tell) -> Outcome:
+        iterations = 0
+        if self.options.obstacles_later:
+            knots, _, more = self._solve(knots, required, Pairs.of(set()), tell)
+            iterations += more
+        again = knots is self._last
+        pairs = pairs_within(self.problem, knots.states, required, self.options.reach)
+        while True:
+            solved, word, more = self._solve(knots, required, pairs, tell, warm=again)
+            iterations += more
+            stop, sentence = _WORDS.get(word, (Stop.FAILED, f"IPOPT says {word}"))
+            found = pairs_within(self.problem, solved.states, required, 0.0)
+            new = found.keys() - pairs.keys()
+            if stop is not Stop.CONVERGED or not new:
+                break
+            # pairs that nobody thought of: the next solution begins where this one ended
+            more_pairs = pairs_within(self.problem, solved.states, required, self.options.reach)
+            pairs = Pairs.of(pairs.keys() | more_pairs.keys())
+            knots, again = solved, True
+        self._last = solved
+        reason = f"{sentence} after {iterations} iterations, {len(pairs.knot)} pairs of body and obstacle"
+        return Outcome(knots=solved, stop=stop, reason=reason, iterations=iterations)
+
+    def _solve(
+        self, knots: Knots, required: Array, pairs: Pairs, tell: Tell, warm: bool = False
+    ) -> tuple[Knots, str, int]:
+        import casadi as ca
+
+        program = build(self.problem, knots, required, pairs, self.units, self.step_range)
+        watch = _watcher(self, program, knots, required, tell)
+        options: dict[str, Any] = {
+            "print_time": False,
+            "iteration_callback": watch,
+            "ipopt.print_level": 0,
+            "ipopt.sb": "yes",
+            "ipopt.max_iter": self.options.max_iterations,
+            "ipopt.tol": self.options.tolerance,
+            "ipopt.constr_viol_tol": 1e-8,
+            "ipopt.max_wall_time": max(self.remaining, 1e-3),
+        }
+        if warm:
+            options |= {"ipopt.mu_init": 1e-4, "ipopt.bound_push": 1e-4, "ipopt.bound_frac": 1e-4}
+        solver = ca.nlpsol("nlp", "ipopt", program.nlp, options)
+        began = time.perf_counter()
+        found = solver(x0=program.start, lbx=program.low, ubx=program.high, lbg=program.low_g, ubg=program.high_g)
+        self.remaining -= time.perf_counter() - began
+        stats = solver.stats()
+        solved = self.knots_at(np.asarray(found["x"]).ravel(), knots)
+        return solved, stats["return_status"], int(stats["iter_count"])
+
+    def knots_at(self, x: Array, like: Knots) -> Knots:
+        """The knots in a vector of unknowns."""
+        count = len(like.phi)
+        states = x[: 4 * count].reshape(count, 4).copy()
+        states[:, :2] = states[:, :2] * self.units.length + self.units.origin
+        states[0], states[-1] = like.states[0], like.states[-1]
+        h = np.zeros(len(like.h))
+        for index, run in enumerate(like.runs):
+            h[run] = x[5 * count + index] * self.units.length / (run.stop - run.start)
+        return Knots(states, x[4 * count : 5 * count], h, like.gear)
+
+    def violations(self, knots: Knots, required: Array) -> tuple[float, float]:
+        """Largest defect [m or rad] and missing clearance at the knots [m]."""
+        gaps, _ = defects(self.problem.vehicle, knots)
+        reach = float(required.max())
+        rows = separations(self.problem.scene, self.problem.vehicle, knots.states, reach, most=1)
+        inside = (rows.knot > 0) & (rows.knot < len(knots.phi) - 1)
+        short = np.where(inside, required[rows.knot, rows.body] - rows.distance, 0.0)
+        return float(np.abs(gaps).max()), float(max(short.max(initial=0.0), 0.0))
+
+
+def _watcher(ipopt: Ipopt, program: Program, like: Knots, required: Array, tell: Tell) -> Any:
+    """CasADi's callback that tells every iterate."""
+    import casadi as ca
+
+    sizes = (program.start.size, program.low_g.size)
+
+    class Watch(ca.Callback):
+        def __init__(self) -> None:
+            ca.Callback.__init__(self)
+            self.before: Array | None = None
+            self.error: BaseException | None = None
+            self.construct("watch", {})
+
+        def get_n_in(self) -> int:
+            return ca.nlpsol_n_out()
+
+        def get_n_out(self) -> int:
+            return 1
+
+        def get_name_in(self, i: int) -> str:
+            return ca.nlpsol_out(i)
+
+        def get_sparsity_in(self, i: int) -> Any:
+            name = ca.nlpsol_out(i)
+            if name == "f":
+                return ca.Sparsity.scalar()
+            size = {"x": sizes[0], "lam_x": sizes[0], "g": sizes[1], "lam_g": sizes[1]}.get(name, 0)
+            return ca.Sparsity.dense(size, 1) if size else ca.Sparsity(0, 0)
+
+        def eval(self, arguments: Any) -> list[int]:
+            try:
+                self._tell(np.asarray(arguments[0]).ravel())
+            except BaseException as error:  # through C++ nothing may fly; an interruption stops IPOPT, then flies on
+                self.error = error
+                return [1]
+            return [0]
+
+        def _tell(self, x: Array) -> None:
+            knots = ipopt.knots_at(x, like)
+            if (knots.h[knots.gear != 0] <= 0.0).any():
+                return
+            defect, missing = ipopt.violations(knots, required)
+            now = x[: 5 * len(like.phi)]
+            step = 0.0 if self.before is None else float(np.abs(now - self.before).max())
+            self.before = now.copy()
+            tell(
+                Report(
+                    knots=knots,
+                    objective=objective_of(knots, ipopt.problem.weights),
+                    violation=max(defect, missing),
+                    step=step,
+                    residuals={"defect": defect / 1e-7, "clearance": missing / 1e-7},
+                )
+            )
+
+    return Watch()

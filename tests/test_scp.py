@@ -1,0 +1,154 @@
+"""Successive convexification: the statement, the loop's ends, and what it finds."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scenes import random_problem
+
+from optim.methods.nlp import Nlp
+from optim.methods.scp import Scp
+from optim.methods.transcription import knots_of
+from optim.objective import objective
+from optim.path import Path, segment_from_states
+from optim.problem import Problem
+from optim.result import Stop
+from optim.scene import make_scene
+from optim.scp.linearisation import Scales, convex_factor, linearise
+from optim.scp.statement import bucket, statement
+from optim.scp.subproblem import Limits, Penalty, parameter_values, solve_subproblem
+
+
+def _near(problem: Problem):
+    knots = knots_of(problem.vehicle, problem.recorded, 0.35)
+    scales = Scales.of(problem.vehicle, problem.weights, 0.35)
+    zeros = np.zeros((len(knots.h), 4))
+    limits = Limits(np.full((len(knots.phi), 2), problem.required_clearance), 0.0035, 0.7)
+    return (
+        linearise(problem, knots, scales, zeros, 1.5),
+        scales,
+        limits,
+        Penalty(1e4, zeros, np.zeros(knots.phi.shape + (2,))),
+    )
+
+
+def _blocked(problem: Problem) -> Problem:
+    """A wall across the middle of the way, where nothing leads round it."""
+    samples = problem.recorded.samples
+    x, y, theta, _ = samples.states[len(samples.s) // 2]
+    along, across = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
+    corners = [np.array([x, y]) + a * along + b * across for a, b in ((-1, -60), (1, -60), (1, 60), (-1, 60))]
+    return dataclasses.replace(problem, scene=make_scene([np.array(corners)]))
+
+
+def test_the_data_for_the_solver_are_those_that_cvxpy_makes_itself():
+    import cvxpy as cp
+
+    problem = random_problem(1)
+    near, scales, limits, penalty = _near(problem)
+    stated = statement(bucket(len(near.knots.phi)))
+    values = parameter_values(stated.num_knots, problem.vehicle, near, scales, limits, penalty, 1.0)
+    ours = stated.data(values)
+    for name, parameter in stated.parameters.items():
+        parameter.value = values[name]
+    theirs, _, _ = stated.problem.get_problem_data(cp.CLARABEL)
+    assert abs(ours.A - theirs["A"]).max() <= 1e-12
+    assert abs(ours.P - theirs["P"]).max() <= 1e-12
+    np.testing.assert_allclose(ours.b, theirs["b"], atol=1e-12)
+    np.testing.assert_allclose(ours.q, theirs["c"], atol=1e-12)
+    assert stated.problem.is_dpp()
+
+
+def test_the_step_and_its_multipliers_are_those_of_cvxpys_own_way_to_the_solver():
+    problem = random_problem(2)
+    near, scales, limits, penalty = _near(problem)
+    step = solve_subproblem(problem.vehicle, near, scales, limits, penalty, 0.5, "clarabel", 60.0)
+    other = solve_subproblem(problem.vehicle, near, scales, limits, penalty, 0.5, "osqp", 60.0)
+    assert step.status == "optimal"
+    assert step.reach <= 0.5 + 1e-6
+    if other.status == "optimal":
+        np.testing.assert_allclose(step.phi, other.phi, atol=0.05)
+
+
+def test_a_factor_keeps_a_convex_matrix_and_makes_another_one_convex():
+    rng = np.random.default_rng(0)
+    matrix = rng.normal(size=(20, 5, 5))
+    convex = matrix @ matrix.transpose(0, 2, 1) + np.eye(5)
+    factor = convex_factor(convex)
+    np.testing.assert_allclose(factor.transpose(0, 2, 1) @ factor, convex, atol=1e-9)
+    assert np.abs(np.tril(factor, -1)).max() == 0.0
+    factor = convex_factor(convex - 5.0 * np.eye(5))
+    assert np.linalg.eigvalsh(factor.transpose(0, 2, 1) @ factor).min() > 0.0
+
+
+def test_virtual_control_vanishes_and_every_residual_ends_below_its_tolerance():
+    told: list = []
+    Scp(removals=0).solve(random_problem(0), told.append)
+    last = [iterate for iterate in told if iterate.accepted and iterate.residuals][-1]
+    assert last.residuals["defect"] <= 1.0
+    assert last.residuals["clearance"] <= 1.0
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_without_obstacles_both_ways_to_the_optimum_agree(seed):
+    problem = dataclasses.replace(random_problem(seed), scene=make_scene([]))
+    values = [
+        objective(method.solve(problem).path, problem.weights) for method in (Scp(tolerance=1e-8, removals=0), Nlp())
+    ]
+    assert values[0] == pytest.approx(values[1], rel=1e-4)
+
+
+@pytest.mark.parametrize("name", ["scp", "nlp"])
+def test_a_map_far_from_the_origin_changes_nothing(name):
+    method = {"scp": Scp(removals=0), "nlp": Nlp()}[name]
+    problem = random_problem(3)
+    offset = np.array([1e6, -1e6, 0.0, 0.0])
+    far = Path(
+        tuple(segment_from_states(s.direction, s.s, s.states + offset, s.phi) for s in problem.recorded.segments)
+    )
+    scene = make_scene([polygon + offset[:2] for polygon in problem.scene.polygons])
+    here, there = method.solve(problem), method.solve(dataclasses.replace(problem, recorded=far, scene=scene))
+    assert here.stop is there.stop
+    assert objective(there.path, problem.weights) == pytest.approx(objective(here.path, problem.weights), rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["scp", "nlp"])
+def test_a_way_that_is_blocked_is_infeasible_and_the_recorded_path_is_kept(name):
+    method = {"scp": Scp(removals=0), "nlp": Nlp()}[name]
+    problem = _blocked(random_problem(2))
+    result = method.solve(problem)
+    assert result.stop in (Stop.INFEASIBLE, Stop.STALLED, Stop.ITERATION_LIMIT)
+    assert result.path is problem.recorded
+    assert result.reason
+
+
+@pytest.mark.parametrize("name", ["scp", "nlp"])
+def test_limits_of_iterations_and_time_end_a_solution_with_their_own_word(name):
+    kinds = {"scp": Scp, "nlp": Nlp}
+    problem = random_problem(2)
+    few = kinds[name](max_iterations=1).solve(problem)
+    assert few.stop is Stop.ITERATION_LIMIT
+    short = kinds[name](time_limit=1e-3).solve(problem)
+    assert short.stop is Stop.TIME_LIMIT
+    assert "time" in short.reason
+
+
+def test_a_solver_that_is_not_there_is_a_failure_with_its_name():
+    result = Scp(solver="piqp").solve(random_problem(2)) if not _installed("piqp") else None
+    if result is not None:
+        assert result.stop is Stop.FAILED
+        assert "PIQP" in result.reason
+
+
+def _installed(name: str) -> bool:
+    import importlib.util
+
+    return importlib.util.find_spec(name) is not None
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("spacing", 0.0), ("solver", "mosek"), ("weight", -1.0), ("removals", -1)]
+)
+def test_options_out_of_range_are_refused_with_what_was_expected(option, value):
+    with pytest.raises(ValueError, match=f"scp: {option} is .*, expected"):
+        Scp(**{option: value})
