@@ -1,7 +1,7 @@
 """One solution of the convex sub-problem: parameters in, step and multipliers out."""
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -51,19 +51,19 @@ class Step:
     solver_s: float
     """Time in the solver, by its own account [s]."""
     solver_iterations: int = 0
-    q: Array = _NOTHING
+    q: Array = field(default_factory=lambda: _NOTHING)
     """Change of the states. Shape (K, 4)."""
-    phi: Array = _NOTHING
+    phi: Array = field(default_factory=lambda: _NOTHING)
     """Shape (K,)."""
-    h: Array = _NOTHING
+    h: Array = field(default_factory=lambda: _NOTHING)
     """Shape (K - 1,)."""
-    nu: Array = _NOTHING
+    nu: Array = field(default_factory=lambda: _NOTHING)
     """Virtual control times sqrt(w). Shape (K - 1, 4)."""
-    zeta: Array = _NOTHING
+    zeta: Array = field(default_factory=lambda: _NOTHING)
     """Slack of the clearances times sqrt(w). Shape (K, 2)."""
-    r: Array = _NOTHING
+    r: Array = field(default_factory=lambda: _NOTHING)
     """F times the step; half its square is the curvature's part of the model. Shape (K - 1, 5)."""
-    multipliers: Array = _NOTHING
+    multipliers: Array = field(default_factory=lambda: _NOTHING)
     """Of the scaled dynamics. Shape (K - 1, 4)."""
 
     @property
