@@ -1,0 +1,168 @@
+"""Round the descents: coarse knots first, segments that the path can do without, clearance between the knots."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optim.arrays import Array, IntArray
+from optim.ddp.augmented import Descent, OnStep, Plan, descend, start_descent
+from optim.methods.transcription import Knots, knots_of, path_of, remesh, without_segment
+from optim.objective import objective
+from optim.path import Path
+from optim.problem import Problem
+from optim.scene import clearance, swept_clearance
+
+VANISHED = 0.3
+"""Segments shorter than this [m] are merged away: they only buy a jump of the steering."""
+TOLL = 5.0
+"""What a metre of a segment costs while it is pressed out of the path."""
+_ROOM = 2e-5  # [m]: clearance asked for beyond the requirement, above the tolerance of the last descent
+_GAIN = 1e-6  # relative; less is no improvement
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Finding:
+    """A path that keeps everything."""
+
+    path: Path
+    value: float
+
+
+def required_clearance(problem: Problem, knots: Knots) -> Array:
+    return np.full((len(knots.phi), 2), problem.required_clearance + _ROOM)
+
+
+def settle(
+    problem: Problem, knots: Knots, plans: tuple[Plan, ...], on_step: OnStep
+) -> tuple[Descent, Plan | None]:
+    """The descent of the first plan that ends feasible, and that plan; the last descent and None if none does.
+
+    Low penalties go farther down, high ones keep to the ground.
+    """
+    for plan in plans:
+        descent = start_descent(problem, knots, required_clearance(problem, knots), plan)
+        descend(descent, plan, on_step)
+        if is_feasible(descent, plan):
+            return descent, plan
+    return descent, None
+
+
+def is_feasible(descent: Descent, plan: Plan) -> bool:
+    violations = (descent.residuals[0], descent.residuals[1], descent.residuals[2])
+    return descent.gap <= 1e-6 and all(v <= 5.0 * t for v, t in zip(violations, plan.tolerances, strict=True))
+
+
+def shed_segments(best: Descent, plan: Plan, most: int, on_step: OnStep) -> Descent:
+    """Leave out segments one after the other, shortest first, while J falls; at most so many trials that fail."""
+    failures = 0
+    while failures < most:
+        lengths = np.asarray(best.knots.lengths)
+        order = [int(i) for i in np.argsort(lengths, kind="stable")] if len(lengths) > 1 else []
+        vehicle = best.problem.vehicle
+        longest = vehicle.truck_front + vehicle.trailer_rear
+        for index in order:
+            if failures == most or lengths[index] > longest:
+                return best
+            trial = _without(best, index, plan, on_step)
+            if trial is not None and trial.value < best.value * (1.0 - _GAIN):
+                best = trial
+                break
+            failures += 1
+        else:
+            return best
+    return best
+
+
+def _without(best: Descent, index: int, plan: Plan, on_step: OnStep) -> Descent | None:
+    """A descent without the segment: it is shrunk by a toll on its length, then taken out; None where that fails."""
+    knots, problem = best.knots, best.problem
+    if knots.lengths[index] > VANISHED:
+        pressed = start_descent(problem, knots, required_clearance(problem, knots), plan)
+        run = knots.runs[index]
+        pressed.model.stages.toll[run.start + 1 : run.stop + 1] = TOLL
+        same = np.arange(len(knots.phi) + 1)
+        pressed.model.take_over(best.model, same, np.ones(len(same)))
+        descend(pressed, replace(plan, rounds=2), on_step)
+        if pressed.knots.lengths[index] > VANISHED:
+            return None
+        knots = pressed.knots
+    knots = without_segment(knots, index)
+    states = knots.states.copy()
+    states[0], states[-1] = problem.initial.start, problem.initial.goal
+    knots = remesh(problem.vehicle, replace(knots, states=states), plan.spacing, problem.initial)
+    found, kept = settle(problem, knots, (plan,), on_step)
+    return found if kept is not None else None
+
+
+def refined(descent: Descent, plan: Plan) -> Descent:
+    """The same descent at other knots, multipliers carried over."""
+    problem, old = descent.problem, descent.knots
+    knots = remesh(problem.vehicle, old, plan.spacing, problem.initial)
+    new = start_descent(problem, knots, required_clearance(problem, knots), plan)
+    new.model.take_over(descent.model, *_counterparts(old, knots))
+    return new
+
+
+def _counterparts(old: Knots, new: Knots) -> tuple[IntArray, Array]:
+    """For each state of the stages at new knots: the old one beside it, and how much shorter its steps are."""
+    index, share = np.zeros(len(new.phi) + 1, np.int64), np.ones(len(new.phi) + 1)
+    for before, after in zip(old.runs, new.runs, strict=True):
+        count, more = before.stop - before.start, after.stop - after.start
+        places = np.rint(np.linspace(0.0, count, more + 1)).astype(np.int64)
+        index[after.start + 1 : after.stop + 2] = before.start + 1 + places
+        share[after.start + 1 : after.stop + 2] = count / more
+    return index, share
+
+
+def polish(descent: Descent, plan: Plan, rounds: int, on_step: OnStep) -> Finding | None:
+    """Descend, measure clearance and hitch angle between the knots, ask for what is missing, again; the clear path."""
+    problem = descent.problem
+    for _ in range(rounds):
+        descend(descent, plan, on_step)
+        if not is_feasible(descent, plan):
+            continue
+        path = path_of(problem.vehicle, descent.knots, problem.initial)
+        missing = _missing(problem, descent.knots, path)
+        hitch = _hitch_excess(problem, path)
+        if missing.max() <= 0.0 and hitch <= 0.0:
+            return Finding(path=path, value=objective(path, problem.weights))
+        if missing.max() > 0.0:
+            _raise_required(descent, missing)
+        if hitch > 0.0:
+            descent.model.lagrangian.scalars[3] -= hitch + _ROOM
+    return None
+
+
+def _hitch_excess(problem: Problem, path: Path) -> float:
+    """By how much the hitch angle exceeds its limit, or that at the ends, between the knots [rad]; <= 0: not."""
+    limit = max(problem.vehicle.max_hitch, abs(path.start[3]), abs(path.goal[3]))
+    return max(float(np.abs(segment.alpha).max()) for segment in path.segments) - limit
+
+
+def _missing(problem: Problem, knots: Knots, path: Path) -> Array:
+    """Swept clearance that each interval lacks, for truck and trailer [m]; <= 0: none. Shape (K - 1, 2)."""
+    missing = np.full((len(knots.h), 2), -np.inf)
+    for run, segment in zip(knots.runs, path.segments, strict=True):
+        swept = swept_clearance(problem.scene, problem.vehicle, segment.s, segment.states, segment.phi)
+        middle = 0.5 * (segment.s[1:] + segment.s[:-1])
+        interval = np.searchsorted(np.cumsum(knots.h[run]), middle)
+        np.maximum.at(missing, run.start + np.minimum(interval, run.stop - run.start - 1), problem.required_clearance - swept)
+    return missing
+
+
+def _raise_required(descent: Descent, missing: Array) -> None:
+    """Ask at the knots for what gets lost between them.
+
+    What an interval loses, the smaller clearance of its knots less its swept one, hardly changes with a small change
+    of the path: so much more is asked for at both, wherever the interval is near to lacking clearance or was raised.
+    """
+    problem, required = descent.problem, descent.model.lagrangian.required
+    at_knots = clearance(problem.scene, problem.vehicle, descent.knots.states)
+    seen = np.isfinite(missing)  # else no obstacle is there
+    lost = np.minimum(at_knots[:-1], at_knots[1:]) - (problem.required_clearance - np.where(seen, missing, 0.0))
+    asked = np.maximum(required[1:-1], required[2:]) > problem.required_clearance + 2.0 * _ROOM
+    matters = asked | (missing > -0.05)
+    ask = problem.required_clearance + _ROOM + np.where(matters, np.maximum(lost, 0.0) + _ROOM, 0.0)
+    required[1:] = problem.required_clearance + _ROOM
+    required[1:-1] = np.maximum(required[1:-1], ask)
+    required[2:] = np.maximum(required[2:], ask)

@@ -1,0 +1,182 @@
+"""Differential dynamic programming over gear segments of free length, constraints by an augmented Lagrangian.
+
+Source: Esteban Cabezos 2020, section 4.3. What the source does with weights (the goal, obstacles) is done with
+multipliers here, so that the goal is reached and the limits are kept exactly; its own formulation stays available as
+`variant="source"`. See `optim.ddp.truck` for stages, states and controls, `optim.ddp.features` for the clearance,
+`optim.ddp.augmented` for the multipliers, `optim.ddp.search` for what is done about needless gear changes and
+clearance between the knots.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from optim.ddp.augmented import Descent, Plan
+from optim.ddp.search import Finding, polish, refined, settle, shed_segments
+from optim.ddp.solver import End
+from optim.ddp.source import solve_source
+from optim.methods.transcription import knots_of, path_of
+from optim.objective import objective
+from optim.path import Path
+from optim.problem import Problem
+from optim.result import Iterate, OnIterate, Result, Stop, ignore
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ddp:
+    """Differential dynamic programming with exact second derivatives, box bounds and an augmented Lagrangian."""
+
+    variant: Literal["constrained", "source"] = "constrained"
+    """constrained: J, with goal, limits and clearance as constraints; source: the weights of the source's section 4.3,
+    without constraints, for comparison: it hardly ever reaches the goal."""
+    hessian: Literal["full", "gauss_newton"] = "full"
+    """full: second derivatives of the dynamics and the distances, once the first descent is over (DDP);
+    gauss_newton: never (iLQR)."""
+    spacing: float = 0.35
+    """Distance between knots of the result [m]; one integration step each."""
+    coarse_spacing: float = 0.8
+    """Distance between the knots of the first descent, and while segments are left out [m]."""
+    max_iterations: int = 40
+    """Iterations between two updates of the multipliers, at most."""
+    max_updates: int = 10
+    """Updates of the multipliers in one descent, at most."""
+    max_rounds: int = 8
+    """Descents at the final knots, each asking for the clearance that the one before lacked between knots."""
+    removals: int = 4
+    """Segments whose removal may be tried in vain, shortest first."""
+    goal_penalty: float = 1000.0
+    """First penalty of the goal [1/m^2, 1/rad^2]; where a descent ends infeasible, another begins with ten times
+    this, and a hundred times `clearance_penalty`."""
+    clearance_penalty: float = 10.0
+    """First penalty of clearance and hitch angle [1/m^2, 1/rad^2]."""
+    gradient_tolerance: float = 1e-3
+    """Converged when no projected gradient |u - clip(u - dJ/du)| of steering [1/rad] or length [1/m] is larger, ..."""
+    goal_tolerance: float = 2e-8
+    """... no component of the last state misses the goal by more [m, rad], ..."""
+    clearance_tolerance: float = 1e-5
+    """... and no clearance or hitch angle its limit [m, rad]; knots ask for 2e-5 m more than required."""
+
+    def __post_init__(self) -> None:
+        expected = {
+            "variant": ("constrained or source", self.variant in ("constrained", "source")),
+            "hessian": ("full or gauss_newton", self.hessian in ("full", "gauss_newton")),
+            "spacing": ("more than 0 and at most 1 m", 0.0 < self.spacing <= 1.0),
+            "coarse_spacing": ("at least the spacing and at most 1 m", self.spacing <= self.coarse_spacing <= 1.0),
+            "max_iterations": ("1 or more", self.max_iterations >= 1),
+            "max_updates": ("1 or more", self.max_updates >= 1),
+            "max_rounds": ("1 or more", self.max_rounds >= 1),
+            "removals": ("0 or more", self.removals >= 0),
+            "goal_penalty": ("more than 0", self.goal_penalty > 0.0),
+            "clearance_penalty": ("more than 0", self.clearance_penalty > 0.0),
+            "gradient_tolerance": ("more than 0", self.gradient_tolerance > 0.0),
+            "goal_tolerance": ("more than 0 and at most 1e-6", 0.0 < self.goal_tolerance <= 1e-6),
+            "clearance_tolerance": ("more than 0 and at most 1e-4 m", 0.0 < self.clearance_tolerance <= 1e-4),
+        }
+        for name, (words, is_valid) in expected.items():
+            if not is_valid:
+                raise ValueError(f"ddp: {name} is {getattr(self, name)!r}, expected {words}")
+
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        """Improve `problem.initial`; ends, limits and `problem.required_clearance` are kept."""
+        if self.variant == "source":
+            return solve_source(problem, self.spacing, on_iterate)
+        tell = _Teller(problem, self, on_iterate)
+        knots = knots_of(problem.vehicle, problem.initial, self.coarse_spacing)
+        descent, plan = settle(problem, knots, self._coarse_plans(), tell.step)
+        finding = None
+        if plan is not None:
+            descent = shed_segments(descent, plan, self.removals, tell.step)
+            descent = refined(descent, self._fine_plan())
+            finding = polish(descent, self._fine_plan(), self.max_rounds, tell.step)
+        return tell.result(descent, finding, plan is not None)
+
+    def _coarse_plans(self) -> tuple[Plan, Plan]:
+        loose = (1e-3, 1e-3, 1e-3)  # [m, rad]: what comes after is exact; a tenth of that costs a third more time
+        low = Plan(
+            spacing=self.coarse_spacing,
+            penalties=(self.goal_penalty, self.clearance_penalty, self.clearance_penalty),
+            rounds=self.max_updates,
+            iterations=self.max_iterations,
+            gradient=1e-2,
+            tolerances=loose,
+            curvature=self.hessian == "full",
+        )
+        return low, replace(low, penalties=self._high_penalties())
+
+    def _fine_plan(self) -> Plan:
+        return Plan(
+            spacing=self.spacing,
+            penalties=self._high_penalties(),
+            rounds=max(1, self.max_updates // 2),
+            iterations=self.max_iterations,
+            gradient=self.gradient_tolerance,
+            tolerances=(self.goal_tolerance, self.clearance_tolerance, self.clearance_tolerance),
+            curvature=self.hessian == "full",
+            regularisation=0.0,
+            second_from=0,
+        )
+
+    def _high_penalties(self) -> tuple[float, float, float]:
+        return 10.0 * self.goal_penalty, 100.0 * self.clearance_penalty, 100.0 * self.clearance_penalty
+
+
+class _Teller:
+    """Numbers the iterates of all descents through, and puts the outcome into words."""
+
+    def __init__(self, problem: Problem, options: Ddp, on_iterate: OnIterate) -> None:
+        self.problem, self.options, self.on_iterate, self.count = problem, options, on_iterate, 0
+        self.value = objective(problem.initial, problem.weights)
+        on_iterate(Iterate(iteration=0, path=problem.initial, objective=self.value))
+
+    def step(self, descent: Descent, size: float) -> None:
+        self.count += 1
+        if self.on_iterate is ignore:
+            return
+        residuals = descent.model.residuals(descent.states, update=False)
+        path = path_of(self.problem.vehicle, descent.knots, self.problem.initial)
+        self._tell(path, max(residuals), size, self._over_tolerance(descent, residuals))
+
+    def _tell(self, path: Path, violation: float, size: float, residuals: dict[str, float]) -> None:
+        value = objective(path, self.problem.weights)
+        self.on_iterate(
+            Iterate(
+                iteration=self.count,
+                path=path,
+                objective=value,
+                violation=violation,
+                step=size,
+                residuals=residuals,
+            )
+        )
+
+    def _over_tolerance(self, descent: Descent, residuals: tuple[float, float, float]) -> dict[str, float]:
+        goal, hitch, clear = residuals
+        return {
+            "projected gradient": descent.gradient / self.options.gradient_tolerance,
+            "goal": goal / self.options.goal_tolerance,
+            "hitch angle": hitch / self.options.clearance_tolerance,
+            "clearance": clear / self.options.clearance_tolerance,
+        }
+
+    def result(self, descent: Descent, finding: Finding | None, is_settled: bool) -> Result:
+        """The path found where it is better, and why it ended."""
+        path = self.problem.initial
+        if finding is not None and finding.value < self.value:
+            path = finding.path
+        goal, hitch, clear = descent.residuals
+        numbers = (
+            f"projected gradient {descent.gradient:.1e}, goal missed by {goal:.1e}, hitch angle over by {hitch:.1e} rad, "
+            f"clearance short by {clear:.1e} m, gap {descent.gap:.1e}"
+        )
+        if not is_settled:
+            stop, reason = Stop.INFEASIBLE, f"no feasible path was reached: {numbers}"
+        elif finding is None:
+            stop, reason = Stop.INFEASIBLE, f"no path found keeps everything between the knots too: {numbers}"
+        elif descent.gradient <= self.options.gradient_tolerance:
+            stop, reason = Stop.CONVERGED, numbers
+        else:
+            stop = Stop.STALLED if descent.end is End.STALLED else Stop.ITERATION_LIMIT
+            reason = f"feasible, yet not stationary: {numbers}"
+        self.count += 1
+        final = self._over_tolerance(descent, descent.residuals) if path is not self.problem.initial else {}
+        self._tell(path, 0.0, 0.0, final)
+        return Result(path=path, stop=stop, reason=reason, iterations=self.count - 1)
