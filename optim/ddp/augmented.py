@@ -95,6 +95,8 @@ def descend(descent: Descent, plan: Plan, on_step: OnStep) -> bool:
     for number in range(plan.rounds):
         settings = Settings(
             iterations=plan.iterations,
+            # without a step after each update the multipliers of the goal would only follow the rest of the gradient
+            least_iterations=1,
             gradient=plan.gradient if number + 1 == plan.rounds else max(plan.gradient, 10.0 ** (-1 - number)),
             curvature=plan.curvature and number >= plan.second_from,
             first_regularisation=plan.regularisation if number == 0 else 0.0,

@@ -16,9 +16,9 @@ _MOST = 50
 
 
 @njit(cache=True)
-def factor(h, held, chol):
+def factor(h, held, chol, size):
     """Cholesky factor of H with the rows and columns of held variables replaced by the identity's; False unless > 0."""
-    m = h.shape[0]
+    m = len(size)
     for i in range(m):
         for j in range(i + 1):
             if held[i] != 0 or held[j] != 0:
@@ -37,9 +37,9 @@ def factor(h, held, chol):
 
 
 @njit(cache=True)
-def solve_factored(chol, b):
+def solve_factored(chol, b, size):
     """Overwrite b with the solution of (L L') x = b."""
-    m = b.shape[0]
+    m = len(size)
     for i in range(m):
         for j in range(i):
             b[i] -= chol[i, j] * b[j]
@@ -51,18 +51,18 @@ def solve_factored(chol, b):
 
 
 @njit(cache=True)
-def _value(h, g, x):
+def _value(h, g, x, size):
     total = 0.0
-    for i in range(x.size):
+    for i in range(len(size)):
         row = g[i]
-        for j in range(x.size):
+        for j in range(len(size)):
             row += 0.5 * h[i, j] * x[j]
         total += row * x[i]
     return total
 
 
 @njit(cache=True)
-def box_qp(h, g, low, high, x, held, chol, work):
+def box_qp(h, g, low, high, x, held, chol, work, size):
     """Solve from x, which is overwritten; False when H is not positive on the free variables.
 
     Args:
@@ -72,8 +72,9 @@ def box_qp(h, g, low, high, x, held, chol, work):
         held: which bound holds each variable at the solution: FREE, AT_LOW or AT_HIGH. Shape (m,).
         chol: the factor of H of the free variables, identity for the others. Shape (m, m).
         work: space for gradient, step and trial. Shape (3, m).
+        size: any tuple of m entries: its length is known to the compiler, so that loops unroll (twice as fast).
     """
-    m = x.size
+    m = len(size)
     gradient, step, trial = work[0], work[1], work[2]
     for i in range(m):
         x[i] = min(max(x[i], low[i]), high[i])
@@ -91,23 +92,23 @@ def box_qp(h, g, low, high, x, held, chol, work):
             changed = changed or state != held[i]
             held[i] = state
             step[i] = -gradient[i] if state == FREE else 0.0
-        if changed and not factor(h, held, chol):
+        if changed and not factor(h, held, chol, size):
             return False
-        solve_factored(chol, step)
+        solve_factored(chol, step, size)
         for i in range(m):
             slope += gradient[i] * step[i]
-        before = _value(h, g, x)
+        before = _value(h, g, x, size)
         if -slope <= 1e-15 * abs(before):
             return True
-        size, moved = 1.0, False
-        while size > 1e-8 and not moved:
+        share, moved = 1.0, False
+        while share > 1e-8 and not moved:
             drop, inside = 0.0, True
             for i in range(m):
-                trial[i] = min(max(x[i] + size * step[i], low[i]), high[i])
+                trial[i] = min(max(x[i] + share * step[i], low[i]), high[i])
                 drop += gradient[i] * (trial[i] - x[i])
                 inside = inside and low[i] < trial[i] < high[i]
-            moved = inside and size == 1.0 or _value(h, g, trial) <= before + _ARMIJO * drop
-            size *= 0.5
+            moved = inside and share == 1.0 or _value(h, g, trial, size) <= before + _ARMIJO * drop
+            share *= 0.5
         if not moved:
             return True
         for i in range(m):

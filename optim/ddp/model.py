@@ -6,7 +6,7 @@ from optim.arrays import Array, IntArray
 from optim.ddp.backward import Expansion, Policy, new_expansion
 from optim.ddp.constraints import Lagrangian, Rows, residuals
 from optim.ddp.features import list_features
-from optim.ddp.truck import CONTROLS, CURVED, STATES, Stages, expand, roll_out
+from optim.ddp.truck import LEVER, CONTROLS, CURVED, STATES, Stages, expand, roll_out
 from optim.geometry import PackedScene
 from optim.methods.transcription import Knots
 from optim.problem import Problem
@@ -105,6 +105,7 @@ class TruckModel:
             scalars=np.array([1.0, 1.0, 1.0, max(problem.vehicle.max_hitch - HITCH_ROOM, ends)]),
         )
         none = np.zeros(0, np.int64)
+        self._listed: Array | None = None
         self.rows = Rows(np.zeros(count + 2, np.int64), none, none, none, np.zeros(0))
 
     @property
@@ -112,7 +113,12 @@ class TruckModel:
         return self.problem.scene.packed
 
     def refresh(self, states: Array) -> None:
-        """List the features near each knot anew; multipliers are kept."""
+        """List the features near each knot anew, multipliers kept, if the knots have moved by a tenth of the reach."""
+        if self._listed is not None:
+            moved = np.abs(states[:, :4] - self._listed).max(axis=0) * (1.0, 1.0, LEVER, LEVER)
+            if moved.max() < 0.1 * self.reach:
+                return
+        self._listed = states[:, :4].copy()
         vehicle, room = self.problem.vehicle, max(2048, len(self.rows.body))
         first = np.zeros(len(states) + 1, np.int64)
         while True:

@@ -37,6 +37,8 @@ class Settings:
     """When the iteration ends, and how it is kept from going astray."""
 
     iterations: int = 100
+    least_iterations: int = 0
+    """So many at least, converged or not."""
     gradient: float = 1e-6
     """Converged when no entry of |u - clip(u - Q_u)| is larger, and no gap is."""
     gap: float = 1e-9
@@ -123,7 +125,8 @@ def minimise(
         largest = float(gaps.max(initial=0.0))
         if end is End.STALLED:
             break
-        if report[2] <= settings.gradient and largest <= settings.gap:
+        met = report[2] <= settings.gradient and largest <= settings.gap
+        if met and iteration >= settings.least_iterations:
             end = End.CONVERGED
             break
         if iteration == settings.iterations:

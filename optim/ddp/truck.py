@@ -26,6 +26,8 @@ from optim.step import VARIABLES, step_jet
 from optim.vehicle import rk4
 
 STATES, CONTROLS, CURVED = 6, 2, 4
+LEVER = 10.0
+"""Distance from the hitch [m] at which turning counts as moving."""
 STATE_METRIC = (1.0, 1.0, 25.0, 25.0)
 """What moving by 1 m, or by 1 rad, weighs against each other: a corner of a body is some 5 m from the hitch."""
 _PLACE = (2, 3, 4, 6, 5)  # of theta, alpha, phi0, phi1, h among (state, control)
@@ -95,7 +97,7 @@ def _bounds(st, k, x):
 def roll_out(st, scene, footprints, rows, lagrangian, e, states, controls, policy, step, reach, out, out_u):
     """Drive with u + step k + K dx, gaps closed by the share `step`; the augmented Lagrangian of where that leads.
 
-    Infinite when a knot moves by more than `reach` [m, or rad times 10 m]: what is farther off is not in the list of
+    Infinite when a knot moves by more than `reach` [m, or rad times LEVER]: what is farther off is not in the list of
     rows, and obstacles may not be jumped over.
     """
     stages = st.gear.size
@@ -118,8 +120,8 @@ def roll_out(st, scene, footprints, rows, lagrangian, e, states, controls, polic
         for i in range(STATES):
             out[k + 1, i] -= (1.0 - step) * e.gap[k, i]
         moved = max(abs(out[k + 1, 0] - states[k + 1, 0]), abs(out[k + 1, 1] - states[k + 1, 1]))
-        moved = max(moved, 10.0 * abs(out[k + 1, 2] - states[k + 1, 2]))
-        moved = max(moved, 10.0 * abs(out[k + 1, 3] - states[k + 1, 3]))
+        moved = max(moved, LEVER * abs(out[k + 1, 2] - states[k + 1, 2]))
+        moved = max(moved, LEVER * abs(out[k + 1, 3] - states[k + 1, 3]))
         if not moved <= reach:
             return np.inf
         total += knot_terms(scene, footprints, st.kinematics[2], rows, lagrangian, out, k + 1, 0, e)

@@ -113,6 +113,7 @@ class Ddp:
             curvature=self.hessian == "full",
             regularisation=0.0,
             second_from=0,
+            reach=0.5,
         )
 
     def _high_penalties(self) -> tuple[float, float, float]:
