@@ -17,6 +17,7 @@ VANISHED = 0.3
 TOLL = 5.0
 """What a metre of a segment costs while it is pressed out of the path."""
 _ROOM = 2e-5  # [m]: clearance asked for beyond the requirement, above the tolerance of the last descent
+_SAFETY = 1e-4  # [m]: beyond what was lost between knots, so that the next measurement finds nothing missing
 _GAIN = 1e-6  # relative; less is no improvement
 
 
@@ -162,7 +163,7 @@ def _raise_required(descent: Descent, missing: Array) -> None:
     lost = np.minimum(at_knots[:-1], at_knots[1:]) - (problem.required_clearance - np.where(seen, missing, 0.0))
     asked = np.maximum(required[1:-1], required[2:]) > problem.required_clearance + 2.0 * _ROOM
     matters = asked | (missing > -0.05)
-    ask = problem.required_clearance + _ROOM + np.where(matters, np.maximum(lost, 0.0) + _ROOM, 0.0)
+    ask = problem.required_clearance + _ROOM + np.where(matters, np.maximum(lost, 0.0) + _SAFETY, 0.0)
     required[1:] = problem.required_clearance + _ROOM
     required[1:-1] = np.maximum(required[1:-1], ask)
     required[2:] = np.maximum(required[2:], ask)

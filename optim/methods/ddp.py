@@ -39,7 +39,7 @@ class Ddp:
     """Iterations between two updates of the multipliers, at most."""
     max_updates: int = 10
     """Updates of the multipliers in one descent, at most."""
-    max_rounds: int = 8
+    max_rounds: int = 12
     """Descents at the final knots, each asking for the clearance that the one before lacked between knots."""
     removals: int = 4
     """Segments whose removal may be tried in vain, shortest first."""
