@@ -81,10 +81,16 @@ def start_descent(problem: Problem, knots: Knots, required: Array, plan: Plan) -
     return Descent(problem=problem, layout=knots, model=model, states=states, controls=controls)
 
 
+_PATIENCE = 3
+
+
 def descend(descent: Descent, plan: Plan, on_step: OnStep) -> bool:
-    """Update states, controls, multipliers in turn; whether all tests are met."""
+    """Update states, controls, multipliers in turn; whether all tests are met.
+
+    Gives up where the worst residual, in units of its tolerance, has not halved in `_PATIENCE` updates.
+    """
     model, before = descent.model, descent.residuals
-    scalars = model.lagrangian.scalars
+    scalars, worst = model.lagrangian.scalars, []
 
     def stepped(states: Array, controls: Array, step: float, gradient: float) -> None:
         descent.states, descent.controls = states, controls
@@ -108,6 +114,9 @@ def descend(descent: Descent, plan: Plan, on_step: OnStep) -> bool:
         met = all(value <= limit for value, limit in zip(descent.residuals, plan.tolerances, strict=True))
         if met and found.gradient <= plan.gradient:
             return True
+        worst.append(max(value / limit for value, limit in zip(descent.residuals, plan.tolerances, strict=True)))
+        if len(worst) > _PATIENCE and worst[-1] > max(1.0, 0.5 * worst[-1 - _PATIENCE]):
+            return False
         for i in range(3):
             if descent.residuals[i] > max(0.25 * before[i], plan.tolerances[i]):
                 scalars[i] = min(scalars[i] * plan.growth, max(_MOST_PENALTY[i], scalars[i]))

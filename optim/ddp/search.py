@@ -18,6 +18,8 @@ TOLL = 5.0
 """What a metre of a segment costs while it is pressed out of the path."""
 _ROOM = 2e-5  # [m]: clearance asked for beyond the requirement, above the tolerance of the last descent
 _SAFETY = 1e-4  # [m]: beyond what was lost between knots, so that the next measurement finds nothing missing
+_PATIENCE = 3
+"""Descents that may end infeasible before `polish` gives up."""
 _GAIN = 1e-6  # relative; less is no improvement
 
 
@@ -49,29 +51,30 @@ def settle(
 
 
 def is_feasible(descent: Descent, plan: Plan) -> bool:
-    violations = (descent.residuals[0], descent.residuals[1], descent.residuals[2])
-    return descent.gap <= 1e-6 and all(v <= 5.0 * t for v, t in zip(violations, plan.tolerances, strict=True))
+    """Whether constraints are met, stationary or not; a residual of five times its tolerance will do."""
+    met = (value <= 5.0 * limit for value, limit in zip(descent.residuals, plan.tolerances, strict=True))
+    return descent.gap <= 1e-6 and all(met)
 
 
-def shed_segments(best: Descent, plan: Plan, most: int, on_step: OnStep) -> Descent:
-    """Leave out segments one after the other, shortest first, while J falls; at most so many trials that fail."""
-    failures = 0
+def shed_segments(first: Descent, plan: Plan, most: int, on_step: OnStep) -> list[Descent]:
+    """Leave out segments, shortest first, while J falls; at most so many trials that fail. All that were better."""
+    found, failures = [first], 0
+    vehicle = first.problem.vehicle
+    longest = vehicle.truck_front + vehicle.trailer_rear
     while failures < most:
-        lengths = np.asarray(best.knots.lengths)
-        order = [int(i) for i in np.argsort(lengths, kind="stable")] if len(lengths) > 1 else []
-        vehicle = best.problem.vehicle
-        longest = vehicle.truck_front + vehicle.trailer_rear
-        for index in order:
-            if failures == most or lengths[index] > longest:
-                return best
-            trial = _without(best, index, plan, on_step)
-            if trial is not None and trial.value < best.value * (1.0 - _GAIN):
-                best = trial
+        lengths = np.asarray(found[-1].knots.lengths)
+        candidates = [int(i) for i in np.argsort(lengths, kind="stable") if len(lengths) > 1 and lengths[i] <= longest]
+        for index in candidates:
+            trial = _without(found[-1], index, plan, on_step)
+            if trial is not None and trial.value < found[-1].value * (1.0 - _GAIN):
+                found.append(trial)
                 break
             failures += 1
+            if failures == most:
+                break
         else:
-            return best
-    return best
+            break
+    return found
 
 
 def _without(best: Descent, index: int, plan: Plan, on_step: OnStep) -> Descent | None:
@@ -117,10 +120,13 @@ def _counterparts(old: Knots, new: Knots) -> tuple[IntArray, Array]:
 
 def polish(descent: Descent, plan: Plan, rounds: int, on_step: OnStep) -> Finding | None:
     """Descend, measure clearance and hitch angle between the knots, ask for what is missing, again; the clear path."""
-    problem = descent.problem
+    problem, failures = descent.problem, 0
     for _ in range(rounds):
         descend(descent, plan, on_step)
         if not is_feasible(descent, plan):
+            failures += 1
+            if failures == _PATIENCE:
+                break
             continue
         path = path_of(problem.vehicle, descent.knots, problem.initial)
         missing = _missing(problem, descent.knots, path)
