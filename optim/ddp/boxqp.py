@@ -17,7 +17,10 @@ _MOST = 50
 
 @njit(cache=True)
 def factor(h, held, chol, size):
-    """Cholesky factor of H with the rows and columns of held variables replaced by the identity's; False unless > 0."""
+    """Cholesky factor of H with the rows and columns of held variables replaced by the identity's; False unless > 0.
+
+    Its diagonal holds the reciprocals: divisions are slow.
+    """
     m = len(size)
     for i in range(m):
         for j in range(i + 1):
@@ -30,9 +33,9 @@ def factor(h, held, chol, size):
             if i == j:
                 if not total > 1e-12 * abs(h[i, i]):
                     return False
-                chol[i, i] = math.sqrt(total)
+                chol[i, i] = 1.0 / math.sqrt(total)
             else:
-                chol[i, j] = total / chol[j, j]
+                chol[i, j] = total * chol[j, j]
     return True
 
 
@@ -43,11 +46,11 @@ def solve_factored(chol, b, size):
     for i in range(m):
         for j in range(i):
             b[i] -= chol[i, j] * b[j]
-        b[i] /= chol[i, i]
+        b[i] *= chol[i, i]
     for i in range(m - 1, -1, -1):
         for j in range(i + 1, m):
             b[i] -= chol[j, i] * b[j]
-        b[i] /= chol[i, i]
+        b[i] *= chol[i, i]
 
 
 @njit(cache=True)
@@ -62,7 +65,7 @@ def _value(h, g, x, size):
 
 
 @njit(cache=True)
-def box_qp(h, g, low, high, x, held, chol, work, size):
+def box_qp(h, g, low, high, x, held, chol, gradient, step, trial, size):
     """Solve from x, which is overwritten; False when H is not positive on the free variables.
 
     Args:
@@ -71,11 +74,10 @@ def box_qp(h, g, low, high, x, held, chol, work, size):
         x: the first guess, then the solution. Shape (m,).
         held: which bound holds each variable at the solution: FREE, AT_LOW or AT_HIGH. Shape (m,).
         chol: the factor of H of the free variables, identity for the others. Shape (m, m).
-        work: space for gradient, step and trial. Shape (3, m).
+        gradient, step, trial: work space. Shape (m,).
         size: any tuple of m entries: its length is known to the compiler, so that loops unroll (twice as fast).
     """
     m = len(size)
-    gradient, step, trial = work[0], work[1], work[2]
     for i in range(m):
         x[i] = min(max(x[i], low[i]), high[i])
     for iteration in range(_MOST):
@@ -95,19 +97,25 @@ def box_qp(h, g, low, high, x, held, chol, work, size):
         if changed and not factor(h, held, chol, size):
             return False
         solve_factored(chol, step, size)
+        inside, all_free = True, True
         for i in range(m):
             slope += gradient[i] * step[i]
+            inside = inside and low[i] < x[i] + step[i] < high[i]
+            all_free = all_free and held[i] == FREE
+        if inside and all_free:  # Newton's step to the minimum of a quadratic
+            for i in range(m):
+                x[i] += step[i]
+            return True
         before = _value(h, g, x, size)
         if -slope <= 1e-15 * abs(before):
             return True
         share, moved = 1.0, False
         while share > 1e-8 and not moved:
-            drop, inside = 0.0, True
+            drop = 0.0
             for i in range(m):
                 trial[i] = min(max(x[i] + share * step[i], low[i]), high[i])
                 drop += gradient[i] * (trial[i] - x[i])
-                inside = inside and low[i] < trial[i] < high[i]
-            moved = inside and share == 1.0 or _value(h, g, trial, size) <= before + _ARMIJO * drop
+            moved = _value(h, g, trial, size) <= before + _ARMIJO * drop
             share *= 0.5
         if not moved:
             return True

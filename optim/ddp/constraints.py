@@ -66,9 +66,9 @@ def _add_row(scene, offset, states, k, body, contact, force, penalty, slack, cur
                 e.metric[k, i, j] += slope[i] * slope[j] / max(slack, NEAREST)
         return
     for i in range(4):
-        e.lx[k, i] -= force * slope[i]
+        e.lz[k, i] -= force * slope[i]
         for j in range(4):
-            e.lxx[k, i, j] += penalty * slope[i] * slope[j]
+            e.lzz[k, i, j] += penalty * slope[i] * slope[j]
     if not curvature or offset != 0.0 or kind == OTHER:
         return
     # psi = theta (truck) or theta + alpha (trailer)
@@ -111,8 +111,8 @@ def knot_terms(scene, footprints, offset, rows, lagrangian, states, k, derive, e
             force = max(0.0, multiplier + penalty * (sign * states[k, 3] - limit))
             total += (force * force - multiplier * multiplier) / (2.0 * penalty)
             if derive > 0 and force > 0.0:
-                e.lx[k, 3] += sign * force
-                e.lxx[k, 3, 3] += penalty
+                e.lz[k, 3] += sign * force
+                e.lzz[k, 3, 3] += penalty
             elif derive > 0:
                 slack = limit - sign * states[k, 3] - multiplier / penalty
                 e.metric[k, 3, 3] += 1.0 / max(slack, NEAREST)
@@ -132,8 +132,8 @@ def knot_terms(scene, footprints, offset, rows, lagrangian, states, k, derive, e
             miss, multiplier = states[k, i] - lagrangian.goal[i], lagrangian.goal_multiplier[i]
             total += (multiplier + 0.5 * penalty * miss) * miss
             if derive > 0:
-                e.lx[k, i] += multiplier + penalty * miss
-                e.lxx[k, i, i] += penalty
+                e.lz[k, i] += multiplier + penalty * miss
+                e.lzz[k, i, i] += penalty
     return total
 
 

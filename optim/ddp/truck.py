@@ -30,7 +30,7 @@ LEVER = 10.0
 """Distance from the hitch [m] at which turning counts as moving."""
 STATE_METRIC = (1.0, 1.0, 25.0, 25.0)
 """What moving by 1 m, or by 1 rad, weighs against each other: a corner of a body is some 5 m from the hitch."""
-_PLACE = (2, 3, 4, 6, 5)  # of theta, alpha, phi0, phi1, h among (state, control)
+_PLACE = (2, 3, 4, 6, 5)  # of theta, alpha, phi0, phi1, h in z = (state, control)
 
 
 class Stages(NamedTuple):
@@ -136,8 +136,8 @@ def expand(st, scene, footprints, rows, lagrangian, states, controls, curvature,
     value, gradient = np.empty(4), np.empty((4, VARIABLES))
     hessian, jet = np.empty((4, VARIABLES, VARIABLES)), np.empty((6, 6, VARIABLES))
     kinematics = (st.kinematics[0], st.kinematics[1], st.kinematics[2])
-    e.lx[:] = 0.0
-    e.lxx[:] = 0.0
+    e.lz[:] = 0.0
+    e.lzz[:] = 0.0
     e.bend[:] = 0.0
     e.metric[:] = 0.0
     for k in range(stages + 1):
@@ -153,16 +153,16 @@ def expand(st, scene, footprints, rows, lagrangian, states, controls, curvature,
         change = u0 - x[4]
         if st.gear[k] == 0.0:
             for i in range(4):
-                e.fx[k, i, i] = 1.0
+                e.fz[k, i, i] = 1.0
                 following[i] = x[i]
-            e.fu[k, 4, 0], e.fu[k, 5, 1] = 1.0, 1.0
+            e.fz[k, 4, 6], e.fz[k, 5, 7] = 1.0, 1.0
             following[4], following[5] = u0, controls[k, 1]
             slope, bend = 2.0 * st.jump[k] * change, 2.0 * st.jump[k]
-            e.lx[k, 4] -= slope
-            e.lu[k, 0] = slope
-            e.lxx[k, 4, 4] += bend
-            e.luu[k, 0, 0] = bend
-            e.lux[k, 0, 4] = -bend
+            e.lz[k, 4] -= slope
+            e.lz[k, 6] = slope
+            e.lzz[k, 4, 4] += bend
+            e.lzz[k, 6, 6] = bend
+            e.lzz[k, 6, 4] = -bend
             e.low[k, 1], e.high[k, 1] = st.shortest[k] - controls[k, 1], st.longest[k] - controls[k, 1]
         else:
             w = st.share[k]
@@ -187,17 +187,17 @@ def expand(st, scene, footprints, rows, lagrangian, states, controls, curvature,
 @njit(cache=True)
 def _drive_dynamics(e, k, w, gradient, hessian, curvature):
     """The step's derivatives by state and control: h = w L, theta and alpha include themselves."""
-    e.fx[k, 0, 0], e.fx[k, 1, 1], e.fx[k, 5, 5] = 1.0, 1.0, 1.0
-    e.fu[k, 4, 0] = 1.0
+    e.fz[k, 0, 0], e.fz[k, 1, 1], e.fz[k, 5, 5] = 1.0, 1.0, 1.0
+    e.fz[k, 4, 6] = 1.0
     for o in range(4):
-        e.fx[k, o, 2], e.fx[k, o, 3], e.fx[k, o, 4] = gradient[o, 0], gradient[o, 1], gradient[o, 2]
-        e.fu[k, o, 0] = gradient[o, 3]
-        e.fx[k, o, 5] = w * gradient[o, 4]
+        e.fz[k, o, 2], e.fz[k, o, 3], e.fz[k, o, 4] = gradient[o, 0], gradient[o, 1], gradient[o, 2]
+        e.fz[k, o, 6] = gradient[o, 3]
+        e.fz[k, o, 5] = w * gradient[o, 4]
         if curvature:
             for i in range(VARIABLES):
                 for j in range(VARIABLES):
                     scale = (w if i == 4 else 1.0) * (w if j == 4 else 1.0)
-                    e.second[k, o, _PLACE[i], _PLACE[j]] = scale * hessian[o, i, j]
+                    e.fzz[k, o, _PLACE[i], _PLACE[j]] = scale * hessian[o, i, j]
 
 
 @njit(cache=True)
@@ -208,16 +208,16 @@ def _drive_cost(st, e, k, w, x, u0):
     rate = (u0 - phi) / h
     square = (phi * phi + phi * u0 + u0 * u0) / 3.0
     left, right = (2.0 * phi + u0) / 3.0, (phi + 2.0 * u0) / 3.0
-    e.lx[k, 4] += steer * h * left - 2.0 * pull * rate
-    e.lx[k, 5] += w * (st.weights[0] + st.toll[k] + steer * square - pull * rate * rate)
-    e.lu[k, 0] = steer * h * right + 2.0 * pull * rate
+    e.lz[k, 4] += steer * h * left - 2.0 * pull * rate
+    e.lz[k, 5] += w * (st.weights[0] + st.toll[k] + steer * square - pull * rate * rate)
+    e.lz[k, 6] = steer * h * right + 2.0 * pull * rate
     bend = 2.0 * steer * h / 3.0 + 2.0 * pull / h
-    e.lxx[k, 4, 4] += bend
-    e.luu[k, 0, 0] = bend
-    e.luu[k, 1, 1] = 1.0
-    e.lux[k, 0, 4] = steer * h / 3.0 - 2.0 * pull / h
-    e.lxx[k, 5, 5] += 2.0 * pull * rate * rate * w * w / h
+    e.lzz[k, 4, 4] += bend
+    e.lzz[k, 6, 6] = bend
+    e.lzz[k, 7, 7] = 1.0
+    e.lzz[k, 6, 4] = steer * h / 3.0 - 2.0 * pull / h
+    e.lzz[k, 5, 5] += 2.0 * pull * rate * rate * w * w / h
     by_left, by_right = w * (steer * left + 2.0 * pull * rate / h), w * (steer * right - 2.0 * pull * rate / h)
-    e.lxx[k, 4, 5] += by_left
-    e.lxx[k, 5, 4] += by_left
-    e.lux[k, 0, 5] = by_right
+    e.lzz[k, 4, 5] += by_left
+    e.lzz[k, 5, 4] += by_left
+    e.lzz[k, 6, 5] = by_right
