@@ -39,7 +39,7 @@ class Expansion(NamedTuple):
     lz: Array
     """Of l; the last row is the terminal cost's, 0 by u. Shape (N + 1, n + m)."""
     lzz: Array
-    """Shape (N + 1, n + m, n + m)."""
+    """Only the lower triangle is read. Shape (N + 1, n + m, n + m)."""
     bend: Array
     """The part of l_xx that only counts with full second derivatives, since it may be negative; none where r = 0.
     Shape (N + 1, n, n)."""

@@ -78,7 +78,7 @@ class Ddp:
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         """Improve `problem.initial`; ends, limits and `problem.required_clearance` are kept."""
         if self.variant == "source":
-            return solve_source(problem, self.spacing, on_iterate)
+            return solve_source(problem, self.spacing, self.max_iterations, on_iterate)
         tell = _Teller(problem, self, on_iterate)
         for spacing in (self.coarse_spacing, self.spacing):
             knots = knots_of(problem.vehicle, problem.initial, spacing)

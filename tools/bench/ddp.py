@@ -3,8 +3,8 @@
 `python tools/bench/ddp.py recordings/*.mcap` prints
 - the time of one backward pass over 200 stages of a linear-quadratic problem, of `optim.ddp` and of crocoddyl's
   solver, and how far their gains are apart;
-- cost, iterations and CPU time on Tassa's car-parking problem (T = 500), of `optim.ddp` and of pycddp's CLDDP from
-  the same start;
+- cost, iterations and time on Tassa's car-parking problem (T = 500), of `optim.ddp` and of pycddp's interior point
+  solvers from the same start (its CLDDP, in release 0.5.2, leaves the limits of the controls out: |w| 0.93 of 0.5);
 - for each log: J, gear changes, iterations, CPU time (least of three, compiled before), of full DDP and of iLQR.
 
 What is not installed is left out: `pip install crocoddyl pycddp` into any environment that has this project.
@@ -95,21 +95,24 @@ def car_parking() -> None:
             running = sum(self.running_cost(x, u, 0) for x, u in zip(states, controls, strict=False))
             return running + self.terminal_cost(states[-1])
 
-    options = pycddp.CDDPOptions()
-    options.max_iterations, options.verbose, options.print_solver_header = 500, False, False
-    solver = pycddp.CDDP(car.START, np.zeros(4), car.STEPS, car.STEP, options)
-    solver.set_dynamical_system(pycddp.Car(car.STEP, car.WHEELBASE, "euler"))
-    solver.set_objective(Objective(car.STEP))
-    solver.add_constraint("ControlConstraint", pycddp.ControlConstraint(-car.LIMITS, car.LIMITS))
-    states, controls = car.CarParking(False).initial()
-    solver.set_initial_trajectory(list(states), list(controls))
-    start = time.perf_counter()
-    solution = solver.solve(pycddp.SolverType.CLDDP)
-    seconds = time.perf_counter() - start
-    print(
-        f"  pycddp {pycddp.__version__} CLDDP: cost {solution.final_objective:.6f}, {solution.iterations_completed} "
-        f"iterations, {seconds:.2f} s (its cost is called back in Python), {solution.status_message}"
-    )
+    for kind in (pycddp.SolverType.IPDDP, pycddp.SolverType.MSIPDDP):
+        options = pycddp.CDDPOptions()
+        options.max_iterations, options.verbose, options.print_solver_header = 300, False, False
+        solver = pycddp.CDDP(car.START, np.zeros(4), car.STEPS, car.STEP, options)
+        solver.set_dynamical_system(pycddp.Car(car.STEP, car.WHEELBASE, "euler"))
+        solver.set_objective(Objective(car.STEP))
+        solver.add_constraint("ControlConstraint", pycddp.ControlConstraint(-car.LIMITS, car.LIMITS))
+        states, controls = car.CarParking(False).initial()
+        solver.set_initial_trajectory(list(states), list(controls))
+        start = time.perf_counter()
+        solution = solver.solve(kind)
+        seconds = time.perf_counter() - start
+        over = float((np.abs(np.array(solution.control_trajectory)) - car.LIMITS).max())
+        print(
+            f"  pycddp {pycddp.__version__} {kind.name}: cost {solution.final_objective:.6f}, "
+            f"{solution.iterations_completed} iterations, {seconds:.1f} s with its cost in Python, "
+            f"controls over their limits by {max(over, 0.0):.1e}, {solution.status_message}"
+        )
 
 
 def logs(paths: list[pathlib.Path]) -> None:
