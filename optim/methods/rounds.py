@@ -166,7 +166,7 @@ def _descend(
         candidate = _Best(path, outcome.knots, _value(problem, path))
         if _keeps_everything(problem, candidate, missing) and (best is None or candidate.objective < best.objective):
             best = candidate
-        if outcome.stop in (Stop.INFEASIBLE, Stop.FAILED, Stop.TIME_LIMIT):
+        if outcome.stop not in (Stop.CONVERGED, Stop.STALLED):
             break
         if is_worn(outcome.knots, options.spacing):
             knots = remesh(problem.vehicle, outcome.knots, options.spacing, problem.initial)

@@ -102,10 +102,9 @@ class Loop:
             actual = point.merit(penalty) - trial.merit(penalty)
             size, reach = _size(step), step.reach / options.trust_region
             accepted = actual > 0.0 and actual >= 1e-3 * predicted
-            settled = accepted and actual >= _SETTLED_RATIO * predicted and size <= _SETTLED
-            converged = settled or predicted <= options.tolerance * max(1.0, abs(point.objective))
-            shown = trial if accepted else point
-            tell(self._report(shown, trial, predicted, size, accepted, radius, step.solver_s))
+            optimality = self._optimality(point, predicted, actual, size)
+            converged = optimality <= 1.0
+            tell(self._report(trial, optimality, size, accepted, radius, step.solver_s))
             if accepted:
                 before, point = point.violation, trial
                 penalty = self._updated(penalty, step, point, before)
@@ -117,6 +116,7 @@ class Loop:
             elif converged:
                 polished = self._polished(point, near, limits)
                 if polished.violation <= options.feasibility:
+                    tell(self._report(polished, optimality, 0.0, True, radius, 0.0))
                     return self._end(polished, penalty, Stop.CONVERGED, iteration)
                 if penalty.weight >= _LARGEST_WEIGHT:
                     return self._end(point, penalty, Stop.INFEASIBLE, iteration)
@@ -190,20 +190,28 @@ class Loop:
         weight = min(2.0 * penalty.weight, _LARGEST_WEIGHT) if stuck else penalty.weight
         return Penalty(weight, step.multipliers, clearance)
 
+    def _optimality(self, point: _Point, predicted: float, actual: float, size: float) -> float:
+        """What is left to gain over what may be left: at most 1 where the loop has converged.
+
+        Either the model has nothing to offer, or the step was small and did what it promised.
+        """
+        tolerance = self.options.tolerance
+        gain = max(predicted, 0.0) / (tolerance * max(1.0, abs(point.objective)))
+        small = size / (_SETTLED * np.sqrt(tolerance / 1e-5))
+        return float(min(gain, small)) if actual >= _SETTLED_RATIO * predicted else gain
+
     def _report(
         self,
-        shown: _Point,
-        trial: _Point,
-        predicted: float,
+        told: _Point,
+        optimality: float,
         size: float,
         accepted: bool,
         radius: float,
         solver_s: float,
     ) -> Report:
         options = self.options
-        told = shown if accepted else trial
         residuals = {
-            "predicted decrease": predicted / (options.tolerance * max(1.0, abs(told.objective))),
+            "optimality": optimality,
             "defect": float(np.abs(told.defects).max()) / options.feasibility,
             "clearance": float(told.missing.max()) / options.feasibility,
         }
