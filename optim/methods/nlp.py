@@ -18,7 +18,7 @@ class Nlp:
 
     spacing: float = 0.35
     """Distance between knots [m]; step lengths may become up to twice as long."""
-    max_iterations: int = 300
+    max_iterations: int = 1500
     """Iterations of one solution, at most."""
     tolerance: float = 1e-6
     """IPOPT's tolerance on its scaled optimality error [-]."""
