@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, Protocol
 
+from optim.methods.cpo import Cpo
 from optim.methods.shortcut import Shortcut
 from optim.problem import Problem
 from optim.result import OnIterate, Result, ignore
@@ -21,5 +22,5 @@ class Method(Protocol):
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result: ...
 
 
-METHODS: Final[Mapping[str, Method]] = MappingProxyType({"shortcut": Shortcut()})
+METHODS: Final[Mapping[str, Method]] = MappingProxyType({"shortcut": Shortcut(), "cpo": Cpo()})
 """Every method by the name that users type, with its default options."""
