@@ -15,21 +15,21 @@ are read from their end, in the order of the trailer's heading, as the points ar
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline, CubicSpline
+from scipy.interpolate import CubicSpline
 
 from optim.arrays import Array
+from optim.cpo.spline import GAUSS_W, Basis, basis, positions, sampled
 from optim.path import Segment, segment_from_states
 from optim.vehicle import Vehicle, state_from_flat
 
-_GAUSS_X = 0.5 + 0.5 * np.array([-0.8611363115940526, -0.3399810435848563, 0.3399810435848563, 0.8611363115940526])
-_GAUSS_W = 0.5 * np.array([0.3478548451374538, 0.6521451548625461, 0.6521451548625461, 0.3478548451374538])
-_PANELS = 2  # of the quadrature per interval of the spline
 _SHORTEST = 1e-2  # [m]
 _SMOOTHING = 3  # steps without limits
-_SOFT = 0.2  # weight of the limits after these, as `Trust.limit`
+_SOFT, _HARDENING = 0.2, 0.3  # then limits as `Trust.limit` with this, and each further step that much harder
+_DECREASE = 1e-4  # Armijo's condition
+_TINY = 1e-30  # of a complex step
+_SMALLEST_SHARE = 1e-3  # of a step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,35 +61,6 @@ class Stretch:
     """By how much the curve misses its end [m or rad]: rounding where the fit has converged."""
 
 
-class _Basis(NamedTuple):
-    """The m splines of the basis at the P + 1 ends of the panels and at their 4 P Gauss nodes."""
-
-    ends: Array  # (P + 1, m)
-    slope: Array  # (P + 1, m) by t
-    curl: Array  # (P + 1, m) second derivative by t
-    turn: Array  # (P + 1, m) integral from t = 0
-    turn_nodes: Array  # (4 P, m) the same at the Gauss nodes
-
-
-def _spline(c: Array) -> BSpline:
-    """Curvature by t; c: (m,) coefficients or (m, m), each column a spline."""
-    count = len(c) - 3
-    knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, count + 1), [1.0] * 3])
-    return BSpline(knots, c, 3)
-
-
-def _gauss_nodes(panels: int) -> Array:
-    """Of all panels of [0, 1] in a row. Shape (4 panels,)."""
-    return ((np.arange(panels)[:, None] + _GAUSS_X) / panels).ravel()
-
-
-def _basis(count: int) -> _Basis:
-    """For `count` intervals of the spline."""
-    spline, panels = _spline(np.eye(count + 3)), _PANELS * count
-    ends, nodes, turn = np.linspace(0.0, 1.0, panels + 1), _gauss_nodes(panels), spline.antiderivative()
-    return _Basis(spline(ends), spline(ends, 1), spline(ends, 2), turn(ends), turn(nodes))
-
-
 def steering(vehicle: Vehicle, kappa: Array, sigma: Array, curl: Array) -> tuple[Array, Array]:
     """tan(phi) [-] and dphi/ds [1/m] from curvature, dkappa/ds_f and d2kappa/ds_f2; for complex numbers too."""
     l, l_t, _ = vehicle.kinematics
@@ -101,81 +72,122 @@ def steering(vehicle: Vehicle, kappa: Array, sigma: Array, curl: Array) -> tuple
     return tangent, change / (root * (1.0 + tangent * tangent))
 
 
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What is fitted, and the sums of squares of a guess: coefficients c (m,) and length [m]."""
+
+    vehicle: Vehicle
+    trust: Trust
+    basis: Basis
+    target: Array  # (P + 1, 2) what the ends of the panels are to be near
+    start: Array  # (5,)
+    end: Array  # (5,)
+
+    def misfit(self, c: Array, length: float, limit: float) -> tuple[Array, Array]:
+        """What is to become small, shape (r,), and what must vanish: the gap at the end, shape (3,)."""
+        position = positions(self.start, length * (self.basis.turn_nodes @ c), length)
+        scale = math.sqrt(length / (len(position) - 1))
+        beside = (position - self.target).T.ravel() * (scale / self.trust.position)
+        bend = self.basis.curl @ c * (scale / self.trust.bend / length**2)
+        loads = [value - (1.0 - self.trust.reserve) for value in _loads(self.vehicle, *self._bends(c, length))]
+        beyond = np.maximum(0.0, np.concatenate(loads)) * (scale / limit)
+        gap = np.append(position[-1], self.start[2] + length * (self.basis.turn[-1] @ c)) - self.end[:3]
+        return np.concatenate([beside, bend, beyond]), gap
+
+    def jacobian(self, c: Array, length: float, limit: float) -> tuple[Array, Array]:
+        """Derivatives of `misfit` by (c, length), shapes (r, m + 1) and (3, m + 1); that of its scale is left out."""
+        panels = len(self.basis.ends) - 1
+        nodes = self.start[2] + length * (self.basis.turn_nodes @ c)
+        weights = np.tile(GAUSS_W, panels) * length / panels
+        turned = weights[:, None] * np.column_stack([length * self.basis.turn_nodes, self.basis.turn_nodes @ c])
+        moves = np.zeros((2, panels + 1, turned.shape[1]))
+        for k, (along, across) in enumerate(((np.cos(nodes), -np.sin(nodes)), (np.sin(nodes), np.cos(nodes)))):
+            rows = across[:, None] * turned
+            rows[:, -1] += weights * along / length
+            moves[k, 1:] = np.cumsum(rows.reshape(panels, 4, -1).sum(axis=1), axis=0)
+        scale = math.sqrt(length / panels)
+        curl = self.basis.curl * (scale / self.trust.bend / length**2)
+        turn = np.append(length * self.basis.turn[-1], self.basis.turn[-1] @ c)
+        rows = [
+            moves.reshape(-1, turned.shape[1]) * (scale / self.trust.position),
+            np.column_stack([curl, -2.0 * (curl @ c) / length]),
+            self._beyond(c, length) * (scale / limit),
+        ]
+        return np.concatenate(rows), np.concatenate([moves[:, -1], turn[None]])
+
+    def _bends(self, c: Array, length: float) -> tuple[Array, Array, Array]:
+        """Curvature and its first two derivatives by the axle's distance at the ends of the panels."""
+        return self.basis.ends @ c, self.basis.slope @ c / length, self.basis.curl @ c / length**2
+
+    def _beyond(self, c: Array, length: float) -> Array:
+        """Derivatives of the excesses, 0 where there is none. Shape (3 (P + 1), m + 1)."""
+        bends = self._bends(c, length)
+        parts = [self.basis.ends, self.basis.slope / length, self.basis.curl / length**2]
+        rows = [np.zeros((len(parts[0]), len(c) + 1)) for _ in range(3)]
+        for i, part in enumerate(parts):
+            # complex steps: exact to rounding
+            loads = _loads(self.vehicle, *(value + _TINY * 1j * (k == i) for k, value in enumerate(bends)))
+            for row, value in zip(rows, loads, strict=True):
+                slope = np.where(value.real > 1.0 - self.trust.reserve, value.imag / _TINY, 0.0)
+                row += slope[:, None] * np.column_stack([part, -i * bends[i] / length])
+        return np.concatenate(rows)
+
+
+def _loads(vehicle: Vehicle, kappa: Array, sigma: Array, curl: Array) -> tuple[Array, Array, Array]:
+    """|kappa|, |tan(phi)| and |dphi/ds| by their limits; for complex numbers the sign is that of the real part."""
+    tangent, rate = steering(vehicle, kappa, sigma, curl)
+    bounds = (vehicle.max_kappa, math.tan(vehicle.max_steer), vehicle.max_steer_rate)
+    kappa, tangent, rate = (
+        value * np.sign(value.real) / bound for value, bound in zip((kappa, tangent, rate), bounds, strict=True)
+    )
+    return kappa, tangent, rate
+
+
 def fit_points(vehicle: Vehicle, points: Array, start: Array, end: Array, trust: Trust) -> tuple[Array, float, float]:
     """Coefficients, length [m] and largest deviation [m] of the curve through points (n, 2) between two flat states.
 
-    start, end: (5,) x, y, heading, kappa, sigma; the headings' difference is the whole turn, unwrapped.
+    start, end: (5,) x, y, heading, kappa, sigma; the headings' difference is the whole turn, unwrapped. Where limits
+    and points cannot agree, the curve is the last one that came nearer to both.
     """
-    chords = np.hypot(*np.diff(points, axis=0).T)
-    along = np.concatenate([[0.0], np.cumsum(chords)])
-    length = float(along[-1])
-    count = max(6, math.ceil(length / trust.knots))
-    basis = _basis(count)
-    t_ends = np.linspace(0.0, 1.0, len(basis.ends))
-    through = CubicSpline(along / length, points)
-    target, tangent = through(t_ends), through(t_ends, 1)
-    kappa = np.gradient(np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0])), t_ends) / length
-    kappa[0], kappa[-1] = start[3], end[3]
-    c = np.linalg.lstsq(basis.ends, kappa, rcond=None)[0]
-    c[0], c[-1] = start[3], end[3]
+    task, c, length = _first_guess(vehicle, points, start, end, trust)
     for iteration in range(trust.max_iterations):
         # limits come in by and by: at full weight, steps from an unsmoothed start do not come back
-        limit = max(trust.limit, _SOFT * 0.3 ** (iteration - _SMOOTHING)) if iteration >= _SMOOTHING else math.inf
-        step = _step(vehicle, basis, c, length, target, start, end, trust, limit)
+        hardness = iteration - _SMOOTHING
+        limit = max(trust.limit, _SOFT * _HARDENING**hardness) if hardness >= 0 else math.inf
+        step, promised, price = _step(task, c, length, limit)
+        before = _merit(task, c, length, limit, price)
         share = min(1.0, 0.2 * length / max(abs(step[-1]), 1e-12))
-        c[1:-1] += share * step[:-1]
-        length += share * step[-1]
-        if limit == trust.limit and np.abs(step).max() < 1e-11:
+        while _merit(task, c + share * step[:-1], length + share * step[-1], limit, price) > before - share * promised:
+            share *= 0.5
+            if share < _SMALLEST_SHARE:
+                break
+        if share >= _SMALLEST_SHARE:
+            c, length = c + share * step[:-1], length + share * step[-1]
+        if limit == trust.limit and (np.abs(step).max() < 1e-11 or share < _SMALLEST_SHARE):
             break
-    position = _positions(start, length * (basis.turn_nodes @ c), length)
-    return c, length, float(np.hypot(*(position - target).T).max())
+    position = positions(start, length * (task.basis.turn_nodes @ c), length)
+    return c, length, float(np.hypot(*(position - task.target).T).max())
 
 
-def _positions(start: Array, turn: Array, length: float) -> Array:
-    """Positions at the ends of the panels from the turns at their Gauss nodes. Shape (P + 1, 2)."""
-    heading = start[2] + turn
-    steps = np.tile(_GAUSS_W, len(turn) // 4) * length / (len(turn) // 4)
-    moves = (steps[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)).reshape(-1, 4, 2).sum(axis=1)
-    return start[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
+def _first_guess(vehicle: Vehicle, points: Array, start: Array, end: Array, trust: Trust) -> tuple[_Task, Array, float]:
+    """The task, and the coefficients and the length of the curve that the points themselves make."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    length = float(along[-1])
+    bases = basis(max(6, math.ceil(length / trust.knots)))
+    share = np.linspace(0.0, 1.0, len(bases.ends))
+    through = CubicSpline(along / length, points)
+    tangent = through(share, 1)
+    kappa = np.gradient(np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0])), share) / length
+    c = np.linalg.lstsq(bases.ends, kappa, rcond=None)[0]
+    c[0], c[-1] = start[3], end[3]
+    return _Task(vehicle, trust, bases, through(share), start, end), c, length
 
 
-def _step(
-    vehicle: Vehicle,
-    basis: _Basis,
-    c: Array,
-    length: float,
-    target: Array,
-    start: Array,
-    end: Array,
-    trust: Trust,
-    limit: float,
-) -> Array:
-    """One Gauss-Newton step of the free coefficients and the length. Shape (m - 1,)."""
-    panels = len(basis.ends) - 1
-    turn = length * (basis.turn_nodes @ c)
-    position, nodes = _positions(start, turn, length), start[2] + turn
-    weights = np.tile(_GAUSS_W, panels) * length / panels
-    by_c = length * basis.turn_nodes
-    by_length = basis.turn_nodes @ c
-    turned = np.column_stack([by_c, by_length]) * weights[:, None]
-    jacobian = np.empty((2, panels + 1, turned.shape[1]))
-    for k, (along, across) in enumerate(((np.cos(nodes), -np.sin(nodes)), (np.sin(nodes), np.cos(nodes)))):
-        rows = across[:, None] * turned
-        rows[:, -1] += weights * along / length
-        jacobian[k, 0] = 0.0
-        jacobian[k, 1:] = np.cumsum(rows.reshape(panels, 4, -1).sum(axis=1), axis=0)
-    scale = math.sqrt(length / panels)
-    position_rows = jacobian.reshape(-1, turned.shape[1]) * (scale / trust.position)
-    position_misfit = (position - target).T.ravel() * (scale / trust.position)
-    curl = basis.curl / length**2
-    bend = scale / trust.bend
-    bend_rows = np.column_stack([curl, -2.0 * (curl @ c) / length]) * bend
-    limit_rows, limit_misfit = _limits(vehicle, basis, c, length, trust.reserve, scale / limit)
-    rows = np.concatenate([position_rows, bend_rows, limit_rows])
-    misfit = np.concatenate([position_misfit, bend * (curl @ c), limit_misfit])
-    closing = np.concatenate([jacobian[:, -1], np.append(length * basis.turn[-1], basis.turn[-1] @ c)[None]])
-    gap = np.append(position[-1], start[2] + length * (basis.turn[-1] @ c)) - end[:3]
-    free = np.r_[1 : len(c) - 1, len(c)]
+def _step(task: _Task, c: Array, length: float, limit: float) -> tuple[Array, float, float]:
+    """One Gauss-Newton step of (c, length), shape (m + 1,), what it is to lower the merit by, and the gap's price."""
+    misfit, gap = task.misfit(c, length, limit)
+    rows, closing = task.jacobian(c, length, limit)
+    free = np.r_[1 : len(c) - 1, len(c)]  # the curvature at both ends is given
     rows, closing = rows[:, free], closing[:, free]
     size = len(free)
     system = np.zeros((size + 3, size + 3))
@@ -183,32 +195,20 @@ def _step(
     system[:size, :size] += 1e-12 * np.trace(system) / size * np.eye(size)
     system[size:, :size] = closing
     system[:size, size:] = closing.T
-    return np.linalg.solve(system, -np.concatenate([rows.T @ misfit, gap]))[:size]
+    solution = np.linalg.solve(system, -np.concatenate([rows.T @ misfit, gap]))
+    step = np.zeros(len(c) + 1)
+    step[free] = solution[:size]
+    price = 2.0 * float(np.abs(solution[size:]).max()) + 1e-9
+    promised = price * float(np.abs(gap).sum()) - float(misfit @ (rows @ solution[:size]))
+    return step, _DECREASE * promised, price
 
 
-def _limits(
-    vehicle: Vehicle, basis: _Basis, c: Array, length: float, reserve: float, weight: float
-) -> tuple[Array, Array]:
-    """Rows and misfits of what exceeds a limit at the panel ends."""
-    kappa, sigma, curl = basis.ends @ c, basis.slope @ c / length, basis.curl @ c / length**2
-    inputs = [kappa, sigma, curl]
-    slopes = []
-    for k in range(3):  # complex steps: exact to rounding
-        moved = [value + 1e-30j * (k == i) for i, value in enumerate(inputs)]
-        slopes.append([part.imag / 1e-30 for part in (moved[0], *steering(vehicle, *moved))])
-    values = [kappa, *steering(vehicle, *inputs)]
-    bounds = [vehicle.max_kappa, math.tan(vehicle.max_steer), vehicle.max_steer_rate]
-    rows, misfits = [], []
-    for k, (value, bound) in enumerate(zip(values, bounds, strict=True)):
-        beyond = np.abs(value) / bound - (1.0 - reserve)
-        active = beyond > 0.0
-        by = [np.sign(value[active]) * slopes[i][k][active] / bound for i in range(3)]
-        parts = [basis.ends[active], basis.slope[active] / length, basis.curl[active] / length**2]
-        by_c = sum(b[:, None] * part for b, part in zip(by, parts, strict=True))
-        by_length = by[1] * (-sigma[active] / length) + by[2] * (-2.0 * curl[active] / length)
-        rows.append(np.column_stack([by_c, by_length]) * weight)
-        misfits.append(beyond[active] * weight)
-    return np.concatenate(rows), np.concatenate(misfits)
+def _merit(task: _Task, c: Array, length: float, limit: float, price: float) -> float:
+    """Half the sum of squares and the gap at its price: what a step must lower."""
+    if not length > 0.0:
+        return math.inf
+    misfit, gap = task.misfit(c, length, limit)
+    return 0.5 * float(misfit @ misfit) + price * float(np.abs(gap).sum())
 
 
 def drivable_stretch(
@@ -225,7 +225,7 @@ def drivable_stretch(
             return None
         if not (np.isfinite(c).all() and _SHORTEST < length < 10.0 * np.hypot(*np.diff(points, axis=0).T).sum()):
             return None
-        s, flat = _sampled(vehicle, c, length, start, spacing)
+        s, flat = sampled(vehicle, c, length, start, spacing)
     gap = float(np.abs(flat[-1, :4] - end[:4]).max())
     flat[-1, :4] = end[:4]
     states, phi = state_from_flat(vehicle, flat)
@@ -233,20 +233,6 @@ def drivable_stretch(
     if direction < 0:
         s, states, phi = s[-1] - s[::-1], states[::-1], phi[::-1]
     return Stretch(segment=segment_from_states(direction, s, states, phi), deviation=deviation, gap=gap)
-
-
-def _sampled(vehicle: Vehicle, c: Array, length: float, start: Array, spacing: float) -> tuple[Array, Array]:
-    """Samples of the curve: the truck's distance [m], shape (n,), at most `spacing` apart, and flat states (n, 5)."""
-    spline = _spline(c)
-    turn = spline.antiderivative()
-    # the truck's distance by the axle's is 1 / cos(alpha), at most that of the largest coefficient
-    panels = math.ceil(length * math.hypot(1.0, vehicle.hitch_to_axle * np.abs(c).max()) / spacing)
-    nodes, ends = _gauss_nodes(panels), np.linspace(0.0, 1.0, panels + 1)
-    stretch = np.hypot(1.0, vehicle.hitch_to_axle * spline(nodes)).reshape(-1, 4) @ _GAUSS_W
-    s = np.concatenate([[0.0], np.cumsum(stretch)]) * length / panels
-    position = _positions(start, length * (turn(nodes) - turn(0.0)), length)
-    heading = start[2] + length * (turn(ends) - turn(0.0))
-    return s, np.column_stack([position, heading, spline(ends), spline(ends, 1) / length])
 
 
 def _linear_between(s: Array, phi: Array) -> Array:

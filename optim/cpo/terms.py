@@ -5,9 +5,17 @@ h [m] apart; Delta_i = X_{i+1} - X_i, and the signed turn delta_i from Delta_{i-
 
     kappa_i = 2 delta_i / (|Delta_{i-1}| + |Delta_i|)
     F = w_o h sum_ij b_j max(0, d_max - d_ij)^2                 obstacles: d_ij the distance of disc j at point i
-      + w_k h sum_i max(0, |kappa_i| - kappa_max)^2            curvature beyond the hitch's limit
+      + w_k h sum_i max(0, |kappa_i| - kappa_max)^2            curvature beyond what hitch
+            + w_k h sum_i max(0, |kappa^t_i| - kappa^t_max)^2    and steering allow
       + w_s / h^3 sum_i |Delta_i - Delta_{i-1}|^2               smoothness
       + w_g / h sum_i (kappa_{i+1} - kappa_i)^2                 change of curvature
+
+kappa_max = tan(max_hitch) / l_t is that of the trailer's axle. The truck's axle has its own, tan(max_steer) / l, for
+
+    kappa^t = (kappa + l_t sigma / q) / sqrt(q),   q = 1 + (l_t kappa)^2,  sigma the change of kappa by distance,
+
+taken between neighbouring points. The source looks at the one axle only; points without the other's limit ask for
+steering angles of 0.9 rad where the vehicle has 0.55.
 
 The powers of h make each sum an integral over arc length, so that the weights hold for every spacing; with h = 1
 they are the source's. Its turn |delta| hides a change of sign, where the curvature changes most: here it is signed.
@@ -17,6 +25,7 @@ Every term is a sum of squares r^2, so 2 sum (dr)(dr)^T is a banded matrix close
 metric in which the points are moved (`optim.cpo.descent`).
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +35,8 @@ from optim.cpo.discs import Discs, obstacle_term
 from optim.field import DistanceField
 from optim.vehicle import Vehicle
 
+_SHARE = 0.98
+"""Of a limit, from which on curvature costs: a penalty alone would leave the points a little beyond it."""
 BAND = 8
 """Diagonals of the metric on and below the main one: two coordinates of four neighbouring points."""
 
@@ -60,11 +71,13 @@ class Terms:
             row[:, coordinate::2] = [1.0, -2.0, 1.0]
             _add(gradient, metric, row, weight * bend[:, coordinate], weight)
 
-        beyond = np.maximum(0.0, np.abs(kappa) - self.vehicle.max_kappa)
-        value += self.curvature * h * float(np.sum(beyond**2))
-        _add(
-            gradient, metric, by_kappa, self.curvature * h * beyond * np.sign(kappa), self.curvature * h * (beyond > 0)
-        )
+        weight = self.curvature * h
+        limits = (_SHARE * self.vehicle.max_kappa, _SHARE * math.tan(self.vehicle.max_steer) / self.vehicle.wheelbase)
+        axles = ((kappa, by_kappa), truck_bends(points, kappa, by_kappa, self.vehicle.hitch_to_axle))
+        for (bent, by_bent), limit in zip(axles, limits, strict=True):
+            beyond = np.maximum(0.0, np.abs(bent) - limit)
+            value += weight * float(np.sum(beyond**2))
+            _add(gradient, metric, by_bent, weight * beyond * np.sign(bent), weight * (beyond > 0.0))
 
         row = np.zeros((count - 3, 8))
         row[:, 2:] = by_kappa[1:]
@@ -91,7 +104,7 @@ class Terms:
 
 
 def bends(points: Array) -> tuple[Array, Array]:
-    """Curvature [1/m] at the inner points, shape (M - 2,), and its derivatives by the three points, shape (M - 2, 6)."""
+    """Curvature [1/m] at the inner points, shape (M - 2,), and its derivatives by three points, shape (M - 2, 6)."""
     step = np.diff(points, axis=0)
     before, after = step[:-1], step[1:]
     turn = np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], np.sum(before * after, axis=1))
@@ -105,8 +118,28 @@ def bends(points: Array) -> tuple[Array, Array]:
     return kappa, np.concatenate([-by_before, by_before - by_after, by_after], axis=1)
 
 
+def truck_bends(points: Array, kappa: Array, by_kappa: Array, l_t: float) -> tuple[Array, Array]:
+    """Curvature of the truck's axle [1/m] between inner points, shape (M - 3,), and derivatives, shape (M - 3, 8).
+
+    kappa, by_kappa: of `bends`.
+    """
+    step = np.diff(points, axis=0)[1:-1]
+    length = np.hypot(*step.T)
+    mean, sigma = 0.5 * (kappa[1:] + kappa[:-1]), np.diff(kappa) / length
+    u = l_t * mean
+    q = 1.0 + u * u
+    by_mean, by_sigma = (1.0 - 3.0 * l_t**2 * sigma * u / q) / q**1.5, l_t / q**1.5
+    row = np.zeros((len(step), 8))
+    row[:, 2:] = (0.5 * by_mean + by_sigma / length)[:, None] * by_kappa[1:]
+    row[:, :6] += (0.5 * by_mean - by_sigma / length)[:, None] * by_kappa[:-1]
+    stretched = (by_sigma * sigma / length**2)[:, None] * step
+    row[:, 2:4] += stretched
+    row[:, 4:6] -= stretched
+    return (mean + l_t * sigma / q) / np.sqrt(q), row
+
+
 def headings(points: Array) -> tuple[Array, Array]:
-    """Heading [rad] at the inner points, shape (M - 2,), and its derivatives by the three points, shape (M - 2, 6)."""
+    """Heading [rad] at the inner points, shape (M - 2,), and its derivatives by three points, shape (M - 2, 6)."""
     chord = points[2:] - points[:-2]
     psi = np.arctan2(chord[:, 1], chord[:, 0])
     slope = np.stack([-chord[:, 1], chord[:, 0]], axis=1) / np.sum(chord**2, axis=1)[:, None]

@@ -44,7 +44,7 @@ class Cpo:
     obstacles: Literal["discs", "points"] = "discs"
     """discs: discs that contain truck and trailer, in their orientation; points: the trailer's axle in a map of
     square cells (the source's, equation 18)."""
-    weight_obstacle: float = 100.0
+    weight_obstacle: float = 300.0
     """Of the squared lack of distance, over arc length and the bodies' outline, w_o [1/m^4]."""
     weight_curvature: float = 1000.0
     """Of the squared curvature beyond tan(max_hitch) / hitch_to_axle, over arc length, w_k [m]."""
@@ -52,8 +52,8 @@ class Cpo:
     """Of the squared second difference of the points, over arc length, w_s [m]."""
     weight_change: float = 500.0
     """Of the squared change of curvature, over arc length, w_g [m^3]."""
-    d_max: float = 0.5
-    """Discs nearer to an obstacle than this cost, distance < d_max [m]."""
+    d_max: float = 0.1
+    """Discs cost where their distance to an obstacle is below the required clearance and this [m]."""
     excess: float = 0.1
     """Discs protrude from the bodies by at most this [m]."""
     resolution: float = 0.25
@@ -118,7 +118,7 @@ class Cpo:
             vehicle=vehicle,
             discs=discs,
             field=field,
-            d_max=self.map_d_max if is_point else self.d_max,
+            d_max=self.map_d_max if is_point else problem.required_clearance + self.d_max,
             obstacle=self.weight_obstacle,
             curvature=self.weight_curvature,
             smoothness=self.weight_smoothness,
