@@ -31,7 +31,7 @@ class Descent(NamedTuple):
 
 
 def descend(
-    evaluate: Callable[[Array], tuple[float, Array, Array]],
+    evaluate: Callable[[Array, bool], tuple[float, Array, Array | None]],
     points: Array,
     free: Array,
     *,
@@ -49,7 +49,7 @@ def descend(
     """
     mask = np.repeat(free, 2)
     points = points.copy()
-    value, slope, metric = evaluate(points)
+    value, slope, metric = evaluate(points, True)
     slope = np.where(mask, slope.ravel(), 0.0)
     factor, pairs, evaluations = _factor(metric, mask), [], 1
     for iteration in range(max_iterations):
@@ -61,26 +61,29 @@ def descend(
         promised, share = -float(slope @ step), 1.0
         while True:
             trial = points + share * step.reshape(-1, 2)
-            trial_value, trial_slope, trial_metric = evaluate(trial)
+            trial_value, trial_slope, _ = evaluate(trial, False)
             evaluations += 1
             if trial_value <= value - _DECREASE * share * promised:
                 break
-            # the parabola through both values and the slope
-            share *= np.clip(0.5 * promised * share / (trial_value - value + promised * share), 0.1, 0.5)
+            if np.isfinite(trial_value):  # the parabola through both values and the slope
+                share *= np.clip(0.5 * promised * share / (trial_value - value + promised * share), 0.1, 0.5)
+            else:
+                share *= 0.1
             if share < 1e-8:
                 return Descent(points, value, iteration, evaluations, False)
         trial_slope = np.where(mask, trial_slope.ravel(), 0.0)
         moved, turned = share * step, trial_slope - slope
         points, value, slope = trial, trial_value, trial_slope
         if (iteration + 1) % refresh == 0:
-            factor, pairs = _factor(trial_metric, mask), []
+            factor, pairs = _factor(evaluate(points, True)[2], mask), []
         elif moved @ turned > _CURVATURE * np.linalg.norm(moved) * np.linalg.norm(turned):
             pairs = [*pairs, (moved, turned)][-memory:]
     return Descent(points, value, max_iterations, evaluations, False)
 
 
-def _factor(metric: Array, mask: Array) -> Array:
+def _factor(metric: Array | None, mask: Array) -> Array:
     """Cholesky factor of the metric on the free coordinates, 1 on the others."""
+    assert metric is not None
     metric = metric.copy()
     for k in range(BAND):
         kept = mask[: len(mask) - k] & mask[k:]

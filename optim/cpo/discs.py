@@ -86,11 +86,18 @@ class Nearness(NamedTuple):
 
 
 def obstacle_term(
-    vehicle: Vehicle, discs: Discs, field: DistanceField, d_max: float, pose: Array, weight: Array
+    vehicle: Vehicle,
+    discs: Discs,
+    field: DistanceField,
+    d_max: float,
+    pose: Array,
+    weight: Array,
+    with_metric: bool = True,
 ) -> Nearness:
     """sum over points i, discs j of weight_i width_j max(0, d_max - (distance(p_ij) - radius_j))^2.
 
-    pose: (N, 4) trailer axle x, y [m], heading psi [rad], curvature kappa [1/m]; weight: (N,).
+    pose: (N, 4) trailer axle x, y [m], heading psi [rad], curvature kappa [1/m]; weight: (N,). Without it the metric
+    is 0.
     """
     l_t = vehicle.hitch_to_axle
     fold = np.arctan(l_t * pose[:, 3])
@@ -115,7 +122,7 @@ def obstacle_term(
             rows[:, 3] = np.sum(slope * _quarter(arm), axis=1) * l_t / (1.0 + (l_t * pose[index, 3]) ** 2)
         for a in range(4):
             gradient[:, a] -= np.bincount(index, 2.0 * factor * short * rows[:, a], len(pose))
-            for b in range(4):
+            for b in range(4 if with_metric else 0):
                 active = 2.0 * factor * (short > 0.0) * rows[:, a] * rows[:, b]
                 metric[:, a, b] += np.bincount(index, active, len(pose))
     return Nearness(value, gradient, metric)

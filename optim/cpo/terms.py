@@ -56,11 +56,11 @@ class Terms:
     spacing: float
     """h [m]."""
 
-    def evaluate(self, points: Array) -> tuple[float, Array, Array]:
-        """F, its gradient by the points, shape (M, 2), and the metric, shape (BAND, 2 M), as `cholesky_banded`'s."""
+    def evaluate(self, points: Array, with_metric: bool = True) -> tuple[float, Array, Array | None]:
+        """F, its gradient by the points, shape (M, 2), and the metric in the form of `cholesky_banded`, (BAND, 2 M)."""
         h, (kappa, by_kappa), (psi, by_psi) = self.spacing, bends(points), headings(points)
         count = len(points)
-        gradient, metric = np.zeros(2 * count), np.zeros((BAND, 2 * count))
+        gradient, metric = np.zeros(2 * count), np.zeros((BAND, 2 * count)) if with_metric else None
         value = 0.0
 
         bend = points[2:] - 2.0 * points[1:-1] + points[:-2]
@@ -87,19 +87,15 @@ class Terms:
         _add(gradient, metric, row, weight * step, weight)
 
         pose = np.column_stack([points[1:-1], psi, kappa])
-        near = obstacle_term(
-            self.vehicle, self.discs, self.field, self.d_max, pose, np.full(count - 2, self.obstacle * h)
-        )
+        weights = np.full(count - 2, self.obstacle * h)
+        near = obstacle_term(self.vehicle, self.discs, self.field, self.d_max, pose, weights, with_metric)
         value += near.value
         by_points = np.zeros((count - 2, 4, 6))
         by_points[:, 0, 2] = by_points[:, 1, 3] = 1.0
         by_points[:, 2], by_points[:, 3] = by_psi, by_kappa
-        _scatter(
-            gradient,
-            metric,
-            np.einsum("ia,iab->ib", near.gradient, by_points),
-            np.einsum("iac,iab,ibd->icd", by_points, near.metric, by_points),
-        )
+        _scatter_slopes(gradient, np.einsum("ia,iab->ib", near.gradient, by_points))
+        if metric is not None:
+            _scatter_blocks(metric, np.transpose(by_points, (0, 2, 1)) @ near.metric @ by_points)
         return value, gradient.reshape(count, 2), metric
 
 
@@ -146,16 +142,24 @@ def headings(points: Array) -> tuple[Array, Array]:
     return psi, np.concatenate([-slope, np.zeros_like(slope), slope], axis=1)
 
 
-def _add(gradient: Array, metric: Array, rows: Array, pull: Array, weight: Array | float) -> None:
+def _add(gradient: Array, metric: Array | None, rows: Array, pull: Array, weight: Array | float) -> None:
     """The terms weight_i r_i^2 with dr_i = rows_i on consecutive points, pull_i = weight_i r_i."""
-    blocks = 2.0 * np.broadcast_to(weight, pull.shape)[:, None, None] * rows[:, :, None] * rows[:, None, :]
-    _scatter(gradient, metric, 2.0 * pull[:, None] * rows, blocks)
+    _scatter_slopes(gradient, 2.0 * pull[:, None] * rows)
+    if metric is not None:
+        weighted = 2.0 * np.broadcast_to(weight, pull.shape)[:, None] * rows
+        _scatter_blocks(metric, weighted[:, :, None] * rows[:, None, :])
 
 
-def _scatter(gradient: Array, metric: Array, slopes: Array, blocks: Array) -> None:
-    """Add slopes (n, k) and blocks (n, k, k) that start at the points 0, 1, ..., n - 1."""
+def _scatter_slopes(gradient: Array, slopes: Array) -> None:
+    """Add slopes (n, k) that start at the points 0, 1, ..., n - 1."""
     count, width = slopes.shape
     for a in range(width):
         gradient[a : a + 2 * count : 2] += slopes[:, a]
+
+
+def _scatter_blocks(metric: Array, blocks: Array) -> None:
+    """Add blocks (n, k, k) that start at the points 0, 1, ..., n - 1."""
+    count, width, _ = blocks.shape
+    for a in range(width):
         for b in range(a + 1):
             metric[a - b, b : b + 2 * count : 2] += blocks[:, a, b]

@@ -72,7 +72,7 @@ class Cpo:
     """A sweep ends when the decrease still promised is at most tolerance * cost [-]."""
     max_step: float = 0.5
     """No point moves further in one step [m]: a longer one may jump over an obstacle."""
-    sweeps: int = 3
+    sweeps: int = 2
     """In each round the points are laid out evenly again and moved on, this often at most."""
     rounds: int = 12
     """Rounds of anchoring for each segment, at most; then it stays as recorded."""
@@ -109,25 +109,25 @@ class Cpo:
             rows.append(trial.row if is_taken else _recorded_row(settings, segment))
         return progress.result(_picture(settings.terms, rows))
 
-    def _settings(self, problem: Problem) -> Settings:
-        vehicle = problem.vehicle
-        is_point = self.obstacles == "points"
-        discs = axle_point(vehicle) if is_point else covering_discs(vehicle, self.excess)
-        field = _field(problem, self.map_resolution if is_point else self.resolution)
-        terms = Terms(
+    def terms(self, problem: Problem, spacing: float) -> Terms:
+        """The cost of points that are `spacing` [m] apart."""
+        vehicle, is_point = problem.vehicle, self.obstacles == "points"
+        return Terms(
             vehicle=vehicle,
-            discs=discs,
-            field=field,
+            discs=axle_point(vehicle) if is_point else covering_discs(vehicle, self.excess),
+            field=_field(problem, self.map_resolution if is_point else self.resolution),
             d_max=self.map_d_max if is_point else problem.required_clearance + self.d_max,
             obstacle=self.weight_obstacle,
             curvature=self.weight_curvature,
             smoothness=self.weight_smoothness,
             change=self.weight_change,
-            spacing=self.spacing,
+            spacing=spacing,
         )
+
+    def _settings(self, problem: Problem) -> Settings:
         return Settings(
             problem=problem,
-            terms=terms,
+            terms=self.terms(problem, self.spacing),
             trust=Trust(),
             spacing=self.spacing,
             rounds=self.rounds,
