@@ -39,7 +39,7 @@ def descend(
     max_iterations: int,
     tolerance: float,
     max_step: float,
-    refresh: int = 10,
+    refresh: int = 20,
 ) -> Descent:
     """Lower F from `points` (M, 2), moving those with `free` (M,) only.
 

@@ -22,6 +22,7 @@ from optim.problem import Problem
 from optim.scene import swept_clearance
 
 _SLACK = 1e-9  # of limits, relative: rounding
+TOLERATED = 1.001  # residual of a recorded stretch that counts as kept: the audit relaxes limits by as much
 _CLOSED = 1e-7  # a fit that misses its end by more [m or rad] has not converged
 
 
@@ -109,6 +110,7 @@ def _at_samples(fails: BoolArray, segment: Segment) -> BoolArray:
 def improve(settings: Settings, segment: Segment, tell: Callable[[Trial], None]) -> Trial:
     """The first sound trial, or the last one; `tell` gets those before it."""
     track = Track.of(settings.problem.vehicle, segment)
+    can_anchor = all(check.residual <= TOLERATED for check in checks(settings.problem, segment))
     anchors = np.empty((0, 2))
     iterations = 0
     for turn in range(1, settings.rounds + 1):
@@ -117,6 +119,10 @@ def improve(settings: Settings, segment: Segment, tell: Callable[[Trial], None])
         if trial.is_sound or trial.stretch is None or trial.row.anchored.all() or turn == settings.rounds:
             break
         tell(trial)
+        if not can_anchor:  # the recorded stretch is no place to go back to; keep away further instead
+            terms = settings.terms
+            settings = replace(settings, terms=replace(terms, obstacle=3.0 * terms.obstacle, d_max=terms.d_max + 0.05))
+            continue
         widening = turn * settings.spacing / track.length
         anchors = np.concatenate([anchors, _failing(track, trial, widening)])
     return trial._replace(iterations=iterations)

@@ -23,7 +23,7 @@ from optim.arrays import frozen
 from optim.cpo.discs import axle_point, covering_discs
 from optim.cpo.drivable import Trust
 from optim.cpo.points import Row, Track, spread
-from optim.cpo.rounds import Settings, Trial, checks, improve
+from optim.cpo.rounds import TOLERATED, Settings, Trial, checks, improve
 from optim.cpo.terms import Terms
 from optim.field import DistanceField
 from optim.objective import objective
@@ -34,7 +34,6 @@ from optim.scene import distance_field
 
 _DEAREST = 1000.0  # of a cell, equation (18)
 _LEAST_GAIN = 1e-6  # of J, relative: less is rounding
-_TOLERATED = 1.001  # residual of a stretch that stays: the audit relaxes limits by as much
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,14 +57,14 @@ class Cpo:
     """Discs protrude from the bodies by at most this [m]."""
     resolution: float = 0.25
     """Cells of the distance field for discs [m]."""
-    map_d_max: float = 3.0
-    """As d_max, of the point [m]: half a width and some more."""
+    map_d_max: float = 1.8
+    """The point costs where its distance to an obstacle is below this [m]: half a width and half a metre."""
     map_resolution: float = 0.5
     """Cells of the map for the point [m] (the source's)."""
     spacing: float = 0.5
     """Distance between points [m]."""
     minimiser: Literal["bfgs", "lbfgs"] = "bfgs"
-    """bfgs: every pair of steps and gradients is kept; lbfgs: the last ten."""
+    """bfgs: every pair of steps and gradients since the metric was last evaluated is kept; lbfgs: the last five."""
     max_iterations: int = 100
     """Steps of the minimiser, at most, in each sweep of a round."""
     tolerance: float = 1e-4
@@ -132,7 +131,7 @@ class Cpo:
             spacing=self.spacing,
             rounds=self.rounds,
             sweeps=self.sweeps,
-            memory=self.max_iterations if self.minimiser == "bfgs" else 10,
+            memory=self.max_iterations if self.minimiser == "bfgs" else 5,
             max_iterations=self.max_iterations,
             tolerance=self.tolerance,
             max_step=self.max_step,
@@ -175,7 +174,9 @@ class _Progress:
                 self.deviation = max(self.deviation, trial.stretch.deviation)
                 self._tell(trial, path, value, is_accepted=True)
                 return True
-            self.kept.append((index, f"J would change by {value - self.value:+.2g}", False))
+            more = value - self.value
+            why = f"J would rise by {more:.2g}" if more > _LEAST_GAIN * self.value else "there is nothing to gain"
+            self.kept.append((index, why, False))
             self.turn_down(index, trial)
         return False
 
@@ -185,7 +186,7 @@ class _Progress:
             f"{self._name(index)}: {check}"
             for index, _, _ in self.kept
             for check in checks(self.problem, self.path.segments[index])
-            if check.residual > _TOLERATED
+            if check.residual > TOLERATED
         ]
         improved = len(self.path.segments) - len(self.kept)
         reason, stop = self._reason(improved), Stop.CONVERGED
