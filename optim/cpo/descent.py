@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from optim.arrays import Array
+from optim.arrays import Array, BoolArray
 from optim.cpo.terms import BAND
 
 _DECREASE = 1e-4  # Armijo's condition: the least share of the decrease that the slope promises
@@ -33,7 +33,7 @@ class Descent(NamedTuple):
 def descend(
     evaluate: Callable[[Array, bool], tuple[float, Array, Array | None]],
     points: Array,
-    free: Array,
+    free: BoolArray,
     *,
     memory: int,
     max_iterations: int,
@@ -81,7 +81,7 @@ def descend(
     return Descent(points, value, max_iterations, evaluations, False)
 
 
-def _factor(metric: Array | None, mask: Array) -> Array:
+def _factor(metric: Array | None, mask: BoolArray) -> Array:
     """Cholesky factor of the metric on the free coordinates, 1 on the others."""
     assert metric is not None
     metric = metric.copy()

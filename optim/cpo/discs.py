@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optim.arrays import Array, IntArray, frozen, frozen_int
+from optim.arrays import Array, BoolArray, IntArray, frozen, frozen_int
 from optim.field import DistanceField
 from optim.vehicle import Vehicle
 
@@ -129,7 +129,7 @@ def obstacle_term(
 
 
 def _near(
-    discs: Discs, mine: Array, field: DistanceField, d_max: float, hitch: Array, heading: Array
+    discs: Discs, mine: BoolArray, field: DistanceField, d_max: float, hitch: Array, heading: Array
 ) -> tuple[IntArray, IntArray]:
     """Pairs of point and disc that may be nearer than d_max: a body far from everything has none."""
     low, high = discs.centre[mine].min(axis=0), discs.centre[mine].max(axis=0)

@@ -17,6 +17,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from optim.arrays import Array
@@ -28,6 +29,8 @@ _SHORTEST = 1e-2  # [m]
 _SMOOTHING = 3  # steps without limits
 _SOFT, _HARDENING = 0.2, 0.3  # then limits as `Trust.limit` with this, and each further step that much harder
 _DECREASE = 1e-4  # Armijo's condition
+_LEAST_DAMPING = 1e-12  # of the mean of the system's diagonal
+_AT_REST = 1e-9  # a step that changes no coefficient [1/m] and no length [m] by more
 _TINY = 1e-30  # of a complex step
 _SMALLEST_SHARE = 1e-3  # of a step
 
@@ -46,7 +49,7 @@ class Trust:
     """Share of each limit that the fit leaves unused [-]."""
     knots: float = 0.5
     """Length of the spline's intervals [m]."""
-    max_iterations: int = 30
+    max_iterations: int = 60
     """Gauss-Newton steps."""
 
 
@@ -61,7 +64,7 @@ class Stretch:
     """By how much the curve misses its end [m or rad]: rounding where the fit has converged."""
 
 
-def steering(vehicle: Vehicle, kappa: Array, sigma: Array, curl: Array) -> tuple[Array, Array]:
+def steering(vehicle: Vehicle, kappa: NDArray, sigma: NDArray, curl: NDArray) -> tuple[NDArray, NDArray]:
     """tan(phi) [-] and dphi/ds [1/m] from curvature, dkappa/ds_f and d2kappa/ds_f2; for complex numbers too."""
     l, l_t, _ = vehicle.kinematics
     u = l_t * kappa
@@ -126,14 +129,15 @@ class _Task:
         rows = [np.zeros((len(parts[0]), len(c) + 1)) for _ in range(3)]
         for i, part in enumerate(parts):
             # complex steps: exact to rounding
-            loads = _loads(self.vehicle, *(value + _TINY * 1j * (k == i) for k, value in enumerate(bends)))
+            moved = [value + _TINY * 1j * (k == i) for k, value in enumerate(bends)]
+            loads = _loads(self.vehicle, *moved)
             for row, value in zip(rows, loads, strict=True):
-                slope = np.where(value.real > 1.0 - self.trust.reserve, value.imag / _TINY, 0.0)
+                slope = np.where(np.real(value) > 1.0 - self.trust.reserve, np.imag(value) / _TINY, 0.0)
                 row += slope[:, None] * np.column_stack([part, -i * bends[i] / length])
         return np.concatenate(rows)
 
 
-def _loads(vehicle: Vehicle, kappa: Array, sigma: Array, curl: Array) -> tuple[Array, Array, Array]:
+def _loads(vehicle: Vehicle, kappa: NDArray, sigma: NDArray, curl: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """|kappa|, |tan(phi)| and |dphi/ds| by their limits; for complex numbers the sign is that of the real part."""
     tangent, rate = steering(vehicle, kappa, sigma, curl)
     bounds = (vehicle.max_kappa, math.tan(vehicle.max_steer), vehicle.max_steer_rate)
@@ -150,11 +154,12 @@ def fit_points(vehicle: Vehicle, points: Array, start: Array, end: Array, trust:
     and points cannot agree, the curve is the last one that came nearer to both.
     """
     task, c, length = _first_guess(vehicle, points, start, end, trust)
+    damping = _LEAST_DAMPING
     for iteration in range(trust.max_iterations):
         # limits come in by and by: at full weight, steps from an unsmoothed start do not come back
         hardness = iteration - _SMOOTHING
         limit = max(trust.limit, _SOFT * _HARDENING**hardness) if hardness >= 0 else math.inf
-        step, promised, price = _step(task, c, length, limit)
+        step, promised, price = _step(task, c, length, limit, damping)
         before = _merit(task, c, length, limit, price)
         share = min(1.0, 0.2 * length / max(abs(step[-1]), 1e-12))
         while _merit(task, c + share * step[:-1], length + share * step[-1], limit, price) > before - share * promised:
@@ -163,8 +168,13 @@ def fit_points(vehicle: Vehicle, points: Array, start: Array, end: Array, trust:
                 break
         if share >= _SMALLEST_SHARE:
             c, length = c + share * step[:-1], length + share * step[-1]
-        if limit == trust.limit and (np.abs(step).max() < 1e-11 or share < _SMALLEST_SHARE):
+            damping = max(_LEAST_DAMPING, 0.01 * damping)
+            if limit == trust.limit and np.abs(step).max() < _AT_REST:
+                break
+        elif np.abs(step).max() < _AT_REST or damping > 1.0:
             break
+        else:  # other limits come in before the step has done anything: turn it towards the slope
+            damping = max(1e-6, 100.0 * damping)
     position = positions(start, length * (task.basis.turn_nodes @ c), length)
     return c, length, float(np.hypot(*(position - task.target).T).max())
 
@@ -183,7 +193,7 @@ def _first_guess(vehicle: Vehicle, points: Array, start: Array, end: Array, trus
     return _Task(vehicle, trust, bases, through(share), start, end), c, length
 
 
-def _step(task: _Task, c: Array, length: float, limit: float) -> tuple[Array, float, float]:
+def _step(task: _Task, c: Array, length: float, limit: float, damping: float) -> tuple[Array, float, float]:
     """One Gauss-Newton step of (c, length), shape (m + 1,), what it is to lower the merit by, and the gap's price."""
     misfit, gap = task.misfit(c, length, limit)
     rows, closing = task.jacobian(c, length, limit)
@@ -192,7 +202,7 @@ def _step(task: _Task, c: Array, length: float, limit: float) -> tuple[Array, fl
     size = len(free)
     system = np.zeros((size + 3, size + 3))
     system[:size, :size] = rows.T @ rows
-    system[:size, :size] += 1e-12 * np.trace(system) / size * np.eye(size)
+    system[:size, :size] += damping * np.trace(system) / size * np.eye(size)
     system[size:, :size] = closing
     system[:size, size:] = closing.T
     solution = np.linalg.solve(system, -np.concatenate([rows.T @ misfit, gap]))

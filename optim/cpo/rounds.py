@@ -113,7 +113,9 @@ def improve(settings: Settings, segment: Segment, tell: Callable[[Trial], None])
     can_anchor = all(check.residual <= TOLERATED for check in checks(settings.problem, segment))
     anchors = np.empty((0, 2))
     iterations = 0
-    for turn in range(1, settings.rounds + 1):
+    turn = 0
+    while True:
+        turn += 1
         trial = _round(settings, segment, track, anchors)._replace(round=turn)
         iterations += trial.iterations
         if trial.is_sound or trial.stretch is None or trial.row.anchored.all() or turn == settings.rounds:

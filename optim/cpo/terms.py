@@ -77,7 +77,7 @@ class Terms:
         for (bent, by_bent), limit in zip(axles, limits, strict=True):
             beyond = np.maximum(0.0, np.abs(bent) - limit)
             value += weight * float(np.sum(beyond**2))
-            _add(gradient, metric, by_bent, weight * beyond * np.sign(bent), weight * (beyond > 0.0))
+            _add(gradient, metric, by_bent, weight * beyond * np.sign(bent), np.where(beyond > 0.0, weight, 0.0))
 
         row = np.zeros((count - 3, 8))
         row[:, 2:] = by_kappa[1:]

@@ -38,19 +38,32 @@ _LEAST_GAIN = 1e-6  # of J, relative: less is rounding
 
 @dataclass(frozen=True, kw_only=True)
 class Cpo:
-    """Move the points of the trailer's axle, then fit a drivable path beside them."""
+    """Move the points of the trailer's axle, then fit a drivable path beside them.
+
+    The weights of smoothness and change are J's own: by the flat map, for small curvatures and J's default weights,
+
+        J = int 1 + (l_t^2 / 2 + l^2 / 2) kappa^2 + (l^2 l_t^2 / 2 + 5 l^2) sigma^2 + 5 l^2 l_t^2 (dsigma/ds_f)^2 ds_f,
+
+    and the first two brackets are 38 m and 480 m^3 for the default truck. Over the sample logs J falls to 93.1 % with
+    them (geometric mean, all twelve improved); to 93.2 % with half and 93.1 % with double the weight of change; over
+    40 random problems with four vehicles to 98.1 %, 98.1 % and 98.2 %.
+    """
 
     obstacles: Literal["discs", "points"] = "discs"
     """discs: discs that contain truck and trailer, in their orientation; points: the trailer's axle in a map of
     square cells (the source's, equation 18)."""
     weight_obstacle: float = 300.0
-    """Of the squared lack of distance, over arc length and the bodies' outline, w_o [1/m^4]."""
+    """Of the squared lack of distance, over arc length and the bodies' outline, w_o [1/m^4].
+
+    Enough to hold the points off within d_max: on the sample logs no stretch had to be anchored; 100 gives the same J."""
     weight_curvature: float = 1000.0
-    """Of the squared curvature beyond tan(max_hitch) / hitch_to_axle, over arc length, w_k [m]."""
+    """Of the squared curvature of either axle beyond 98 % of its limit, over arc length, w_k [m].
+
+    Ten times as much takes twice as long for the same J."""
     weight_smoothness: float = 40.0
-    """Of the squared second difference of the points, over arc length, w_s [m]."""
+    """Of the squared second difference of the points, by arc length, w_s [m]."""
     weight_change: float = 500.0
-    """Of the squared change of curvature, over arc length, w_g [m^3]."""
+    """Of the squared change of curvature, by arc length, w_g [m^3]."""
     d_max: float = 0.1
     """Discs cost where their distance to an obstacle is below the required clearance and this [m]."""
     excess: float = 0.1
@@ -99,7 +112,7 @@ class Cpo:
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         """Improve the path segment by segment; ends, gear changes and `problem.required_clearance` are kept."""
-        settings = self._settings(problem)
+        settings = self.settings(problem)
         progress = _Progress(problem, on_iterate)
         rows: list[Row] = []
         for index, segment in enumerate(problem.initial.segments):
@@ -123,7 +136,8 @@ class Cpo:
             spacing=spacing,
         )
 
-    def _settings(self, problem: Problem) -> Settings:
+    def settings(self, problem: Problem) -> Settings:
+        """What the rounds of each segment need."""
         return Settings(
             problem=problem,
             terms=self.terms(problem, self.spacing),
