@@ -45,13 +45,15 @@ def descend(
 
     Converged when the decrease that the metric promises is at most tolerance * F. No point moves by more than
     max_step [m] at once: a full step may jump over a thin obstacle. The metric is evaluated anew, and the pairs are
-    forgotten, after `refresh` steps.
+    forgotten, after `refresh` steps, then twice as many, and so on: far from rest a new metric is worth more than
+    what was learned, near it less.
     """
     mask = np.repeat(free, 2)
     points = points.copy()
     value, slope, metric = evaluate(points, True)
     slope = np.where(mask, slope.ravel(), 0.0)
     factor, pairs, evaluations = _factor(metric, mask), [], 1
+    age = 0
     for iteration in range(max_iterations):
         step = -_apply(factor, pairs, slope)
         promised = -float(slope @ step)
@@ -74,7 +76,9 @@ def descend(
         trial_slope = np.where(mask, trial_slope.ravel(), 0.0)
         moved, turned = share * step, trial_slope - slope
         points, value, slope = trial, trial_value, trial_slope
-        if (iteration + 1) % refresh == 0:
+        age += 1
+        if age == refresh:
+            age, refresh = 0, 2 * refresh
             factor, pairs = _factor(evaluate(points, True)[2], mask), []
         elif moved @ turned > _CURVATURE * np.linalg.norm(moved) * np.linalg.norm(turned):
             pairs = [*pairs, (moved, turned)][-memory:]

@@ -55,7 +55,7 @@ class Cpo:
     weight_obstacle: float = 300.0
     """Of the squared lack of distance, over arc length and the bodies' outline, w_o [1/m^4].
 
-    Enough to hold the points off within d_max: on the sample logs no stretch had to be anchored; 100 gives the same J."""
+    Enough to hold the points off: on the sample logs nothing had to be anchored, and a third gives the same J."""
     weight_curvature: float = 1000.0
     """Of the squared curvature of either axle beyond 98 % of its limit, over arc length, w_k [m].
 
@@ -77,7 +77,7 @@ class Cpo:
     spacing: float = 0.5
     """Distance between points [m]."""
     minimiser: Literal["bfgs", "lbfgs"] = "bfgs"
-    """bfgs: every pair of steps and gradients since the metric was last evaluated is kept; lbfgs: the last five."""
+    """bfgs: every pair of steps and gradients since the metric was last evaluated is kept; lbfgs: the last twenty."""
     max_iterations: int = 100
     """Steps of the minimiser, at most, in each sweep of a round."""
     tolerance: float = 1e-4
@@ -145,7 +145,7 @@ class Cpo:
             spacing=self.spacing,
             rounds=self.rounds,
             sweeps=self.sweeps,
-            memory=self.max_iterations if self.minimiser == "bfgs" else 5,
+            memory=self.max_iterations if self.minimiser == "bfgs" else 20,
             max_iterations=self.max_iterations,
             tolerance=self.tolerance,
             max_step=self.max_step,

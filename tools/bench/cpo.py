@@ -61,7 +61,7 @@ def plain(terms: Terms, row: Row, name: str) -> Solved:
 
 MINIMISERS: dict[str, Callable[[Terms, Row], Solved]] = {
     "BFGS, in the metric": lambda terms, row: in_metric(terms, row, MOST_ITERATIONS),
-    "L-BFGS, in the metric": lambda terms, row: in_metric(terms, row, 10),
+    "L-BFGS, in the metric": lambda terms, row: in_metric(terms, row, 20),
     "scipy BFGS": lambda terms, row: plain(terms, row, "BFGS"),
     "scipy L-BFGS-B": lambda terms, row: plain(terms, row, "L-BFGS-B"),
 }
