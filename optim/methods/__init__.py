@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, Protocol
 
+from optim.methods.cpo import Cpo
 from optim.methods.nlp import Nlp
 from optim.methods.scp import Scp
 from optim.methods.shortcut import Shortcut
@@ -23,5 +24,7 @@ class Method(Protocol):
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result: ...
 
 
-METHODS: Final[Mapping[str, Method]] = MappingProxyType({"shortcut": Shortcut(), "nlp": Nlp(), "scp": Scp()})
+METHODS: Final[Mapping[str, Method]] = MappingProxyType(
+    {"shortcut": Shortcut(), "cpo": Cpo(), "nlp": Nlp(), "scp": Scp()}
+)
 """Every method by the name that users type, with its default options."""
