@@ -106,11 +106,8 @@ def test_every_command_explains_itself(run, command):
         (["optmize", BAY], ["optmize", "Did you mean 'optimize'?", "audit"]),
         (["optimize"], ["LOGS"]),
         (["optimize", BAY, "--shortcut.trie", "5"], ["--shortcut.trie", "Did you mean --shortcut.tries?"]),
-        (
-            ["optimize", BAY, "--shortcut.tries", "many"],
-            ["--shortcut.tries", "many"],
-        ),
-        (["optimize", BAY, "--method", "shortcut", "--shortcut.tries", "-4"], ["shortcut: tries is -4"]),
+        (["optimize", BAY, "--shortcut.tries", "many"], ["--shortcut.tries", "many"]),
+        (["optimize", BAY, "--shortcut.tries", "-4"], ["shortcut: tries is -4"]),
         (["optimize", BAY, "--method", "shortct"], ["'shortct'", "Did you mean 'shortcut'?"]),
         (
             ["optimize", BAY, "--method", "shortcut+shortct"],

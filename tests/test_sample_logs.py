@@ -14,7 +14,7 @@ from replay.run import run_case
 LOGS = sorted((Path(__file__).parents[1] / "recordings").glob("*.mcap"))
 
 QUICK = {name: method for name, method in METHODS.items() if name != "nlp"}
-"""nlp takes 10 to 25 s a log, which is for the benchmark; the contract tests have it on smaller problems."""
+"""nlp takes up to 50 s a log, which is for the benchmark; the contract tests have it on smaller problems."""
 
 
 @pytest.mark.parametrize("log", LOGS, ids=lambda log: log.stem)

@@ -148,7 +148,7 @@ class Loop:
         return _Point(knots, value, gaps / self.scales.state, missing / self.scales.length)
 
     def _reach(self, limits: Limits, radius: float) -> float:
-        """Obstacles farther than this cannot be met by a step within the trust region [m]."""
+        """Obstacles farther than this are left out of the model; a step that meets one is turned down [m]."""
         return float(limits.required.max()) + 1.5 * self.scales.length * max(1.0, min(radius, 2.0))
 
     def _solve(self, near: Linearisation, limits: Limits, penalty: Penalty, radius: float) -> Step:
@@ -231,11 +231,11 @@ class Loop:
         defect, missing = float(np.abs(point.defects).max()), float(point.missing.max()) * self.scales.length
         short = f"largest defect {defect:.1e}, clearance short by {missing:.1e} m"
         reasons = {
-            Stop.CONVERGED: f"converged in {iterations} sub-problems",
+            Stop.CONVERGED: "converged",
             Stop.INFEASIBLE: f"no clear and drivable path near this one: {short}",
-            Stop.STALLED: f"no step lowers the merit any more after {iterations} sub-problems: {short}",
-            Stop.ITERATION_LIMIT: f"{iterations} sub-problems were not enough: {short}",
-            Stop.TIME_LIMIT: f"out of time after {iterations} sub-problems: {short}",
+            Stop.STALLED: f"no step lowers the merit any more: {short}",
+            Stop.ITERATION_LIMIT: f"the sub-problems were not enough: {short}",
+            Stop.TIME_LIMIT: f"out of time: {short}",
             Stop.FAILED: word,
         }
         return Outcome(knots=point.knots, stop=stop, reason=reasons[stop], iterations=iterations)
