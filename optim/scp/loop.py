@@ -48,6 +48,7 @@ _SETTLED, _SETTLED_RATIO = 0.1, 0.5
 # a step that small, in scaled units, whose decrease is as predicted: the next would gain less than a third of the
 # tolerance (largest share seen on the sample logs: 0.29), and costs as much as this one
 _NEARLY = 1e-2  # violation at which a vanished segment need not wait for convergence: merging opens a gap anyway
+_PATIENCE = 12  # sub-problems at the largest weight that do not halve the violation: nothing near is feasible
 _FEWER = 0.3  # a violation that has not fallen to this share after a step makes the weight grow
 
 
@@ -70,6 +71,20 @@ class _Point:
         return self.objective + float(smooth) + 0.5 * penalty.weight * float(square)
 
 
+class _Patience:
+    """Ends a hopeless search: at the largest weight the violation is all that counts, and it does not fall."""
+
+    def __init__(self) -> None:
+        self.least, self.waited = np.inf, 0
+
+    def is_over(self, violation: float, weight: float) -> bool:
+        if weight < _LARGEST_WEIGHT or violation < 0.5 * self.least:
+            self.least, self.waited = violation, 0
+        else:
+            self.waited += 1
+        return self.waited >= _PATIENCE
+
+
 class Loop:
     """Successive convexification of one problem from given knots; call it as `optim.methods.rounds.AtKnots`."""
 
@@ -85,7 +100,7 @@ class Loop:
         limits = Limits(required=required, shortest=0.01 * self.spacing, longest=2.0 * self.spacing)
         point = self._evaluate(knots, limits)
         penalty, radius = self._begin(knots)
-        curvature = 1.0
+        curvature, patience = 1.0, _Patience()
         for iteration in range(1, options.max_iterations + 1):
             near = linearise(self.problem, point.knots, self.scales, penalty.dynamics, self._reach(limits, radius))
             near = replace(near, factor=near.factor * np.sqrt(curvature))
@@ -121,6 +136,8 @@ class Loop:
                 if penalty.weight >= _LARGEST_WEIGHT:
                     return self._end(point, penalty, Stop.INFEASIBLE, iteration)
                 penalty = replace(penalty, weight=min(10.0 * penalty.weight, _LARGEST_WEIGHT))
+            elif patience.is_over(point.violation, penalty.weight):
+                return self._end(point, penalty, Stop.INFEASIBLE, iteration)
             ratio = actual / predicted if predicted > 0.0 else 1.0
             curvature = _next_curvature(curvature, ratio, at_bound=reach > 0.9 * radius)
             radius = _next_radius(radius, reach, ratio)
