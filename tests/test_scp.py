@@ -9,15 +9,18 @@ from scenes import random_problem
 
 from optim.methods.nlp import Nlp
 from optim.methods.scp import Scp
-from optim.methods.transcription import knots_of
+from optim.methods.transcription import knots_of, objective_of
+from optim.nlp.ipopt import Ipopt, IpoptOptions
 from optim.objective import objective
 from optim.path import Path, segment_from_states
 from optim.problem import Problem
 from optim.result import Stop
 from optim.scene import make_scene
 from optim.scp.linearisation import Scales, convex_factor, linearise
+from optim.scp.loop import Loop, LoopOptions
 from optim.scp.statement import bucket, statement
 from optim.scp.subproblem import Limits, Penalty, parameter_values, solve_subproblem
+from optim.vehicle import Vehicle
 
 
 def _near(problem: Problem):
@@ -111,6 +114,61 @@ def test_a_map_far_from_the_origin_changes_nothing(name):
     here, there = method.solve(problem), method.solve(dataclasses.replace(problem, recorded=far, scene=scene))
     assert here.stop is there.stop
     assert objective(there.path, problem.weights) == pytest.approx(objective(here.path, problem.weights), rel=1e-3)
+
+
+def _enlarged(problem: Problem, factor: float) -> Problem:
+    """The same manoeuvre in another unit of length; past the sizes that `Vehicle` accepts from people."""
+    per_length = {"max_steer": 1.0, "max_hitch": 1.0, "max_steer_rate": 1.0 / factor}
+    vehicle = object.__new__(Vehicle)
+    for field in dataclasses.fields(Vehicle):
+        value = getattr(problem.vehicle, field.name) * per_length.get(field.name, factor)
+        object.__setattr__(vehicle, field.name, value)
+    w = problem.weights
+    weights = dataclasses.replace(w, length=w.length / factor, steer=w.steer / factor, rate=w.rate * factor)
+    unit = np.array([factor, factor, 1.0, 1.0])
+    segments = (
+        segment_from_states(s.direction, s.s * factor, s.states * unit, s.phi) for s in problem.recorded.segments
+    )
+    scene = make_scene([polygon * factor for polygon in problem.scene.polygons])
+    recorded, margin = Path(tuple(segments)), problem.margin * factor
+    return dataclasses.replace(problem, vehicle=vehicle, weights=weights, recorded=recorded, scene=scene, margin=margin)
+
+
+def _at_knots(name: str, problem: Problem, unit: float):
+    """What a method at knots ends with, before anything is sampled (at 0.1 m, whatever the unit)."""
+    spacing = 0.35 * unit
+    knots = knots_of(problem.vehicle, problem.recorded, spacing)
+    if name == "scp":
+        solve = Loop(problem, spacing, dataclasses.replace(_LOOP, shortest=0.5 * spacing))
+    else:
+        solve = Ipopt(problem, spacing, dataclasses.replace(_IPOPT, reach=3.0 * unit))
+    required = np.full((len(knots.phi), 2), problem.required_clearance)
+    return solve(knots, required, lambda report: None)
+
+
+_LOOP = LoopOptions(
+    solver="clarabel",
+    max_iterations=60,
+    tolerance=1e-5,
+    feasibility=1e-7,
+    trust_region=1.0,
+    weight=1e4,
+    corrections=3,
+    time_limit=60.0,
+    shortest=0.175,
+)
+_IPOPT = IpoptOptions(max_iterations=500, tolerance=1e-6, time_limit=120.0, reach=3.0, obstacles_later=False)
+
+
+@pytest.mark.parametrize("name", ["scp", "nlp"])
+def test_the_unit_of_length_changes_nothing(name):
+    problem = random_problem(0)
+    large = _enlarged(problem, 1e3)
+    here, there = _at_knots(name, problem, 1.0), _at_knots(name, large, 1e3)
+    assert here.stop is Stop.CONVERGED
+    assert there.stop is Stop.CONVERGED
+    expected = objective_of(here.knots, problem.weights)
+    assert objective_of(there.knots, large.weights) == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize("name", ["scp", "nlp"])
