@@ -31,6 +31,7 @@ class Content(NamedTuple):
     areas_legend: float  # height of the swept area's legend [m]
     progress: list[Plot]  # over the iterations
     residuals: list[Plot]
+    cost_legends: dict[str, float]  # height of the legend of each method's cost map [m]
 
 
 def blueprint(content: Content) -> rrb.Blueprint:
@@ -40,6 +41,7 @@ def blueprint(content: Content) -> rrb.Blueprint:
         tabs.append(_convergence(content))
     if content.residuals:
         tabs.append(_residuals(content))
+    tabs += [_costs(content, track) for track in content.tracks if track.picture is not None]
     tabs += [_areas(content), _details()]
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=0),
@@ -65,7 +67,7 @@ def _plan(content: Content, name: str, shown: list[str], legend: float = 0.0) ->
 
 def _of(track: Track, *parts: str) -> list[str]:
     """Entities of one path; vehicles and swept areas have children."""
-    nested = {"vehicle", "cusps", "swept", "closest", "rejected"}
+    nested = {"vehicle", "cusps", "swept", "closest", "rejected", "cost"}
     return [entity("scene", track.name, part) + ("/**" if part in nested else "") for part in parts]
 
 
@@ -179,6 +181,26 @@ def _residuals(content: Content) -> rrb.Grid:
     """Each with its own legend: not every method has every residual. At the lower left there is seldom a curve."""
     plots = [_over_iterations(plot, legend=rrb.Corner2D.LeftBottom) for plot in content.residuals]
     return rrb.Grid(*plots, grid_columns=2 if len(plots) in (2, 4) else 3, name="Residuals")
+
+
+def _costs(content: Content, track: Track) -> rrb.Horizontal:
+    """What a method that moves points sees, and what became of it."""
+    label, legend = track.style.label, content.cost_legends[track.name]
+    shown = [entity("scene", "legend", f"cost {track.name}"), *_of(track, "cost")]
+    path = _of(track, "path", "cusps") if track.is_own else []
+    views = [
+        _plan(content, f"{label}: the trailer axle's points on the cost of obstacles", shown, legend),
+        _plan(
+            content,
+            f"{label}: its points and the path fitted to them",
+            [
+                *_of(content.tracks[0], "path"),
+                *path,
+                *(entity("scene", track.name, "cost", part) for part in ("moved", "anchored")),
+            ],
+        ),
+    ]
+    return rrb.Horizontal(*views, name=f"Cost map ({track.name})")
 
 
 def _areas(content: Content) -> rrb.Spatial2DView:
