@@ -10,14 +10,12 @@ from scenes import random_problem
 from optim.methods.nlp import Nlp
 from optim.methods.scp import Scp
 from optim.methods.transcription import knots_of, objective_of
-from optim.nlp.ipopt import Ipopt, IpoptOptions
 from optim.objective import objective
 from optim.path import Path, segment_from_states
 from optim.problem import Problem
 from optim.result import Stop
 from optim.scene import make_scene
 from optim.scp.linearisation import Scales, convex_factor, linearise
-from optim.scp.loop import Loop, LoopOptions
 from optim.scp.statement import bucket, statement
 from optim.scp.subproblem import Limits, Penalty, parameter_values, solve_subproblem
 from optim.vehicle import Vehicle
@@ -137,27 +135,10 @@ def _enlarged(problem: Problem, factor: float) -> Problem:
 def _at_knots(name: str, problem: Problem, unit: float):
     """What a method at knots ends with, before anything is sampled (at 0.1 m, whatever the unit)."""
     spacing = 0.35 * unit
+    method = Scp(spacing=spacing) if name == "scp" else Nlp(spacing=spacing, reach=3.0 * unit)
     knots = knots_of(problem.vehicle, problem.recorded, spacing)
-    if name == "scp":
-        solve = Loop(problem, spacing, dataclasses.replace(_LOOP, shortest=0.5 * spacing))
-    else:
-        solve = Ipopt(problem, spacing, dataclasses.replace(_IPOPT, reach=3.0 * unit))
     required = np.full((len(knots.phi), 2), problem.required_clearance)
-    return solve(knots, required, lambda report: None)
-
-
-_LOOP = LoopOptions(
-    solver="clarabel",
-    max_iterations=60,
-    tolerance=1e-5,
-    feasibility=1e-7,
-    trust_region=1.0,
-    weight=1e4,
-    corrections=3,
-    time_limit=60.0,
-    shortest=0.175,
-)
-_IPOPT = IpoptOptions(max_iterations=500, tolerance=1e-6, time_limit=120.0, reach=3.0, obstacles_later=False)
+    return method.at_knots(problem)(knots, required, lambda report: None)
 
 
 @pytest.mark.parametrize("name", ["scp", "nlp"])

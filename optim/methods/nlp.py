@@ -6,10 +6,14 @@ what is done about clearance between knots and needless gear changes.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from optim.methods.rounds import RoundOptions, improve
 from optim.problem import Problem
 from optim.result import OnIterate, Result, ignore
+
+if TYPE_CHECKING:
+    from optim.nlp.ipopt import Ipopt
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +53,11 @@ class Nlp:
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         """Improve `problem.initial`; ends, limits and `problem.required_clearance` are kept."""
+        rounds = RoundOptions(spacing=self.spacing, shortest=0.5 * self.spacing, max_removals=self.removals)
+        return improve(problem, self.at_knots(problem), rounds, on_iterate)
+
+    def at_knots(self, problem: Problem) -> "Ipopt":
+        """What solves the problem at given knots."""
         from optim.nlp.ipopt import Ipopt, IpoptOptions  # CasADi takes a while to load
 
         options = IpoptOptions(
@@ -58,5 +67,4 @@ class Nlp:
             reach=self.reach,
             obstacles_later=self.obstacles_later,
         )
-        rounds = RoundOptions(spacing=self.spacing, shortest=0.5 * self.spacing, max_removals=self.removals)
-        return improve(problem, Ipopt(problem, self.spacing, options), rounds, on_iterate)
+        return Ipopt(problem, self.spacing, options)

@@ -16,6 +16,7 @@ from replay.style import Colour
 
 _COST: Final[Colour] = (236, 132, 44)
 _MOST_PIXELS: Final = 1200  # along a side
+_OPAQUE: Final = 170  # of 255: obstacles below show through
 
 
 def log_costs(rec: rr.RecordingStream, tracks: list[Track], frame: Frame) -> dict[str, float]:
@@ -30,7 +31,7 @@ def _log(rec: rr.RecordingStream, track: Track, picture: Picture, frame: Frame) 
     largest = float(values.max())
     pixels = np.zeros((*values.shape, 4), np.uint8)
     pixels[..., :3] = _COST
-    pixels[..., 3] = np.round(255.0 * np.sqrt(np.clip(values / max(largest, 1e-300), 0.0, 1.0)))  # small ones show
+    pixels[..., 3] = np.round(_OPAQUE * np.clip(values / max(largest, 1e-300), 0.0, 1.0))
     cell = step * picture.resolution
     corner = [picture.origin[0] - 0.5 * cell, picture.origin[1] - 0.5 * cell, 0.0]  # nodes are the pixels' centres
     rec.log(f"{base}/map", rr.Transform3D(translation=corner, scale=[cell] * 3), image(pixels, -30.0), static=True)
@@ -42,7 +43,7 @@ def _log(rec: rr.RecordingStream, track: Track, picture: Picture, frame: Frame) 
         dots = rr.Points2D(picture.points[chosen], colors=[colour], radii=points(size), draw_order=32.0 + k)
         rec.log(f"{base}/{name}", dots, static=True)
     entries = [
-        (f"cost of a place, up to {number(largest, 1)}", _COST),
+        (f"cost of a place, 0 to {number(largest, 0)}", _COST),
         (f"{int((~picture.anchored).sum())} points moved", track.style.colour),
         (f"{int(picture.anchored.sum())} points held in place", BRIGHT),
     ]
