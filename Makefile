@@ -50,6 +50,8 @@ bench: $(MADE)  ## measure speed and quality
 	$(BIN)/python tools/bench/collision.py
 	$(BIN)/python tools/bench/steering.py
 	$(BIN)/python tools/bench/shortcut.py recordings/*.mcap
+	$(BIN)/python tools/bench/optimisers.py recordings/*.mcap
+	$(BIN)/python tools/bench/cpo.py recordings/*.mcap
 
 corpus: $(MADE)  ## make the recorded logs in recordings/ again
 	$(BIN)/python tools/make_corpus.py

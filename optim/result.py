@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from optim.arrays import Array, BoolArray
 from optim.path import Path
 
 
@@ -18,6 +19,22 @@ class Stop(enum.Enum):
     STALLED = "stalled"
     INFEASIBLE = "infeasible"
     FAILED = "failed"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Picture:
+    """What a method works on besides the path, for drawing."""
+
+    points: Array
+    """Points that it moves [m]. Shape (N, 2)."""
+    anchored: BoolArray
+    """Which of them it held in place. Shape (N,)."""
+    cost_map: Array
+    """What it costs a point to be at a node of the grid [-]. Shape (rows, columns)."""
+    origin: tuple[float, float]
+    """The node cost_map[0, 0] [m]."""
+    resolution: float
+    """Distance between neighbouring nodes [m]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -51,6 +68,8 @@ class Result:
     reason: str
     """One sentence for the user."""
     iterations: int
+    picture: Picture | None = None
+    """Of methods that move points through a map of costs."""
 
 
 OnIterate = Callable[[Iterate], None]

@@ -17,7 +17,7 @@ from optim.methods.chain import Chain
 from optim.metrics import metrics
 from optim.path import Path
 from optim.problem import Problem
-from optim.result import Iterate, Result, Stop
+from optim.result import Iterate, Picture, Result, Stop
 from replay.case import Case
 from replay.results import path_to_document, scene_to_document
 
@@ -56,6 +56,8 @@ class MethodRun:
     """The audit of the path that the method gave, if that audit did not pass."""
     rejected_path: Path | None = None
     """That path, for drawing where it fails."""
+    picture: Picture | None = None
+    """What the method works on besides the path, for drawing."""
     compile_s: float = 0.0
     """Time that went into compiling kernels [s]; once on each machine, and again after a change of the code."""
     traceback: str = ""
@@ -199,7 +201,7 @@ def _timed(times: dict[str, float]) -> Iterator[None]:
 def _judge(run: Run, result: Result) -> dict[str, Any]:
     """The fields of a `MethodRun` that say what a result is worth: J first, then the audit, never its own word."""
     problem = run.case.problem
-    end = {"stop": result.stop.value, "iterations": result.iterations}
+    end = {"stop": result.stop.value, "iterations": result.iterations, "picture": result.picture}
     if result.stop is Stop.FAILED:
         return end | _recorded(run, "failed", result.reason)
     measured = metrics(problem.vehicle, problem.scene, result.path, problem.weights)

@@ -7,6 +7,7 @@ from scenes import random_problem
 from optim.methods.nlp import Nlp
 from optim.nlp.duals import half_planes, starting_multipliers
 from optim.nlp.model import pair_function, step_function
+from optim.objective import objective
 from optim.scene import Scene, witnesses
 from optim.vehicle import Vehicle, body_poses, rk4_step, rk4_step_jacobian
 
@@ -49,8 +50,19 @@ def test_multipliers_from_the_witness_normal_give_the_exact_distance():
 
 
 def test_solving_first_without_obstacles_is_an_option():
-    result = Nlp(obstacles_later=True).solve(random_problem(2))
-    assert result.reason
+    problem = random_problem(2)
+    later, at_once = Nlp(obstacles_later=True).solve(problem), Nlp().solve(problem)
+    assert later.iterations != at_once.iterations
+    assert objective(later.path, problem.weights) < objective(problem.recorded, problem.weights)
+
+
+def test_an_interruption_of_a_callback_reaches_the_caller():
+    def interrupt(iterate):
+        if iterate.iteration > 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Nlp().solve(random_problem(2), interrupt)
 
 
 @pytest.mark.parametrize(("option", "value"), [("spacing", 0.0), ("reach", -1.0), ("time_limit", 0.0)])

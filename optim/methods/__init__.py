@@ -5,6 +5,7 @@ from types import MappingProxyType
 from typing import Final, Protocol
 
 from optim.methods.ddp import Ddp
+from optim.methods.cpo import Cpo
 from optim.methods.nlp import Nlp
 from optim.methods.scp import Scp
 from optim.methods.shortcut import Shortcut
@@ -25,6 +26,6 @@ class Method(Protocol):
 
 
 METHODS: Final[Mapping[str, Method]] = MappingProxyType(
-    {"shortcut": Shortcut(), "ddp": Ddp(), "nlp": Nlp(), "scp": Scp()}
+    {"shortcut": Shortcut(), "cpo": Cpo(), "ddp": Ddp(), "nlp": Nlp(), "scp": Scp()}
 )
 """Every method by the name that users type, with its default options."""

@@ -6,10 +6,14 @@ what is done about clearance between knots and needless gear changes.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from optim.methods.rounds import RoundOptions, improve
 from optim.problem import Problem
 from optim.result import OnIterate, Result, ignore
+
+if TYPE_CHECKING:
+    from optim.nlp.ipopt import Ipopt
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,14 +22,15 @@ class Nlp:
 
     spacing: float = 0.35
     """Distance between knots [m]; step lengths may become up to twice as long."""
-    max_iterations: int = 300
+    max_iterations: int = 500
     """Iterations of one solution, at most."""
     tolerance: float = 1e-6
     """IPOPT's tolerance on its scaled optimality error [-]."""
-    reach: float = 0.6
+    reach: float = 3.0
     """Pairs of body and obstacle enter at the start where their clearance exceeds the required by less [m].
 
-    Others are added when a solution turns out to violate them, and it is solved again until none is."""
+    Others are added when a solution turns out to violate them, and it is solved again until none is. With 3 m all
+    twelve sample logs end improved, with 1.5 m eleven; with 0.6 m the first solution cuts through whole obstacles."""
     obstacles_later: bool = False
     """First solve without obstacles, then with (the source author's remark); not worth its time as a rule."""
     removals: int = 0
@@ -48,6 +53,11 @@ class Nlp:
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         """Improve `problem.initial`; ends, limits and `problem.required_clearance` are kept."""
+        rounds = RoundOptions(spacing=self.spacing, shortest=0.5 * self.spacing, max_removals=self.removals)
+        return improve(problem, self.at_knots(problem), rounds, on_iterate)
+
+    def at_knots(self, problem: Problem) -> "Ipopt":
+        """What solves the problem at given knots."""
         from optim.nlp.ipopt import Ipopt, IpoptOptions  # CasADi takes a while to load
 
         options = IpoptOptions(
@@ -57,5 +67,4 @@ class Nlp:
             reach=self.reach,
             obstacles_later=self.obstacles_later,
         )
-        rounds = RoundOptions(spacing=self.spacing, shortest=0.5 * self.spacing, max_removals=self.removals)
-        return improve(problem, Ipopt(problem, self.spacing, options), rounds, on_iterate)
+        return Ipopt(problem, self.spacing, options)

@@ -3,7 +3,7 @@
 An optimiser keeps clearance at the knots only, and moves the step lengths. Around it, until nothing is left to do:
 
 1. segments that have shrunk to nothing are merged away, and the rest is solved again;
-2. where step lengths have drifted far from equal, the knots are laid out anew;
+2. where a segment has grown a lot, its knots are laid out anew;
 3. the swept clearance of the dense path is measured on every interval, and the clearance required at the interval's
    two knots raised by what is missing;
 4. when the path is clear, leaving out one segment, and with it two gear changes, is tried: a local optimum with
@@ -110,7 +110,7 @@ class _Teller:
     """Numbers the iterates of all solutions through, and turns knots into paths."""
 
     def __init__(self, problem: Problem, on_iterate: OnIterate) -> None:
-        self.problem, self.on_iterate, self.count = problem, on_iterate, 0
+        self.problem, self.on_iterate, self.count, self.solutions = problem, on_iterate, 0, 0
         self.on_iterate(Iterate(iteration=0, path=problem.initial, objective=_value(problem, problem.initial)))
 
     def __call__(self, report: Report) -> None:
@@ -141,7 +141,9 @@ def improve(problem: Problem, solve: AtKnots, options: RoundOptions, on_iterate:
         best = better
     path = problem.initial if best is None or best.objective >= _value(problem, problem.initial) else best.path
     tell.last(path)
-    reason = outcome.reason if best is not None else f"{outcome.reason}; no path found keeps everything"
+    reason = f"{outcome.reason}; {iterations} iterations in {tell.solutions} solutions"
+    if best is None:
+        reason += "; no path found keeps everything"
     return Result(path=path, stop=outcome.stop, reason=reason, iterations=iterations)
 
 
@@ -155,6 +157,7 @@ def _descend(
     outcome = Outcome(knots=knots, stop=Stop.ITERATION_LIMIT, reason="no round was allowed", iterations=0)
     for _ in range(options.max_rounds + 1):
         outcome = solve(knots, required, tell)
+        tell.solutions += 1
         iterations += outcome.iterations
         merged = merge_vanished(outcome.knots, options.shortest)
         if len(merged.phi) < len(outcome.knots.phi):
@@ -166,7 +169,7 @@ def _descend(
         candidate = _Best(path, outcome.knots, _value(problem, path))
         if _keeps_everything(problem, candidate, missing) and (best is None or candidate.objective < best.objective):
             best = candidate
-        if outcome.stop in (Stop.INFEASIBLE, Stop.FAILED, Stop.TIME_LIMIT):
+        if outcome.stop not in (Stop.CONVERGED, Stop.STALLED):
             break
         if is_worn(outcome.knots, options.spacing):
             knots = remesh(problem.vehicle, outcome.knots, options.spacing, problem.initial)

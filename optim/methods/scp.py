@@ -59,7 +59,11 @@ class Scp:
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         """Improve `problem.initial`; ends, limits and `problem.required_clearance` are kept."""
-        shortest = 0.5 * self.spacing
+        rounds = RoundOptions(spacing=self.spacing, shortest=0.5 * self.spacing, max_removals=self.removals)
+        return improve(problem, self.at_knots(problem), rounds, on_iterate)
+
+    def at_knots(self, problem: Problem) -> Loop:
+        """What solves the problem at given knots."""
         options = LoopOptions(
             solver=self.solver,
             max_iterations=self.max_iterations,
@@ -69,7 +73,6 @@ class Scp:
             weight=self.weight,
             corrections=self.corrections,
             time_limit=self.time_limit,
-            shortest=shortest,
+            shortest=0.5 * self.spacing,
         )
-        rounds = RoundOptions(spacing=self.spacing, shortest=shortest, max_removals=self.removals)
-        return improve(problem, Loop(problem, self.spacing, options), rounds, on_iterate)
+        return Loop(problem, self.spacing, options)

@@ -30,7 +30,7 @@ from optim.vehicle import Vehicle, rk4
 FEWEST = 4
 """Intervals of a segment, at least: a short one may still bend."""
 LARGEST_SPACING = 0.1
-"""Samples of a path are at most this far apart [m] (`contracts`: PATH)."""
+"""Samples of a path that is given back are at most this far apart [m]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,6 +48,7 @@ _SETTLED, _SETTLED_RATIO = 0.1, 0.5
 # a step that small, in scaled units, whose decrease is as predicted: the next would gain less than a third of the
 # tolerance (largest share seen on the sample logs: 0.29), and costs as much as this one
 _NEARLY = 1e-2  # violation at which a vanished segment need not wait for convergence: merging opens a gap anyway
+_PATIENCE = 12  # sub-problems at the largest weight that do not halve the violation: nothing near is feasible
 _FEWER = 0.3  # a violation that has not fallen to this share after a step makes the weight grow
 
 
@@ -70,6 +71,20 @@ class _Point:
         return self.objective + float(smooth) + 0.5 * penalty.weight * float(square)
 
 
+class _Patience:
+    """Ends a hopeless search: at the largest weight the violation is all that counts, and it does not fall."""
+
+    def __init__(self) -> None:
+        self.least, self.waited = np.inf, 0
+
+    def is_over(self, violation: float, weight: float) -> bool:
+        if weight < _LARGEST_WEIGHT or violation < 0.5 * self.least:
+            self.least, self.waited = violation, 0
+        else:
+            self.waited += 1
+        return self.waited >= _PATIENCE
+
+
 class Loop:
     """Successive convexification of one problem from given knots; call it as `optim.methods.rounds.AtKnots`."""
 
@@ -85,7 +100,7 @@ class Loop:
         limits = Limits(required=required, shortest=0.01 * self.spacing, longest=2.0 * self.spacing)
         point = self._evaluate(knots, limits)
         penalty, radius = self._begin(knots)
-        curvature = 1.0
+        curvature, patience = 1.0, _Patience()
         for iteration in range(1, options.max_iterations + 1):
             near = linearise(self.problem, point.knots, self.scales, penalty.dynamics, self._reach(limits, radius))
             near = replace(near, factor=near.factor * np.sqrt(curvature))
@@ -102,10 +117,9 @@ class Loop:
             actual = point.merit(penalty) - trial.merit(penalty)
             size, reach = _size(step), step.reach / options.trust_region
             accepted = actual > 0.0 and actual >= 1e-3 * predicted
-            settled = accepted and actual >= _SETTLED_RATIO * predicted and size <= _SETTLED
-            converged = settled or predicted <= options.tolerance * max(1.0, abs(point.objective))
-            shown = trial if accepted else point
-            tell(self._report(shown, trial, predicted, size, accepted, radius, step.solver_s))
+            optimality = self._optimality(point, predicted, actual, size)
+            converged = optimality <= 1.0
+            tell(self._report(trial, optimality, size, accepted, radius, step.solver_s))
             if accepted:
                 before, point = point.violation, trial
                 penalty = self._updated(penalty, step, point, before)
@@ -117,10 +131,13 @@ class Loop:
             elif converged:
                 polished = self._polished(point, near, limits)
                 if polished.violation <= options.feasibility:
+                    tell(self._report(polished, optimality, 0.0, True, radius, 0.0))
                     return self._end(polished, penalty, Stop.CONVERGED, iteration)
                 if penalty.weight >= _LARGEST_WEIGHT:
                     return self._end(point, penalty, Stop.INFEASIBLE, iteration)
                 penalty = replace(penalty, weight=min(10.0 * penalty.weight, _LARGEST_WEIGHT))
+            elif patience.is_over(point.violation, penalty.weight):
+                return self._end(point, penalty, Stop.INFEASIBLE, iteration)
             ratio = actual / predicted if predicted > 0.0 else 1.0
             curvature = _next_curvature(curvature, ratio, at_bound=reach > 0.9 * radius)
             radius = _next_radius(radius, reach, ratio)
@@ -148,7 +165,7 @@ class Loop:
         return _Point(knots, value, gaps / self.scales.state, missing / self.scales.length)
 
     def _reach(self, limits: Limits, radius: float) -> float:
-        """Obstacles farther than this cannot be met by a step within the trust region [m]."""
+        """Obstacles farther than this are left out of the model; a step that meets one is turned down [m]."""
         return float(limits.required.max()) + 1.5 * self.scales.length * max(1.0, min(radius, 2.0))
 
     def _solve(self, near: Linearisation, limits: Limits, penalty: Penalty, radius: float) -> Step:
@@ -190,20 +207,28 @@ class Loop:
         weight = min(2.0 * penalty.weight, _LARGEST_WEIGHT) if stuck else penalty.weight
         return Penalty(weight, step.multipliers, clearance)
 
+    def _optimality(self, point: _Point, predicted: float, actual: float, size: float) -> float:
+        """What is left to gain over what may be left: at most 1 where the loop has converged.
+
+        Either the model has nothing to offer, or the step was small and did what it promised.
+        """
+        tolerance = self.options.tolerance
+        gain = max(predicted, 0.0) / (tolerance * max(1.0, abs(point.objective)))
+        small = size / (_SETTLED * np.sqrt(tolerance / 1e-5))
+        return float(min(gain, small)) if actual >= _SETTLED_RATIO * predicted else gain
+
     def _report(
         self,
-        shown: _Point,
-        trial: _Point,
-        predicted: float,
+        told: _Point,
+        optimality: float,
         size: float,
         accepted: bool,
         radius: float,
         solver_s: float,
     ) -> Report:
         options = self.options
-        told = shown if accepted else trial
         residuals = {
-            "predicted decrease": predicted / (options.tolerance * max(1.0, abs(told.objective))),
+            "optimality": optimality,
             "defect": float(np.abs(told.defects).max()) / options.feasibility,
             "clearance": float(told.missing.max()) / options.feasibility,
         }
@@ -223,11 +248,11 @@ class Loop:
         defect, missing = float(np.abs(point.defects).max()), float(point.missing.max()) * self.scales.length
         short = f"largest defect {defect:.1e}, clearance short by {missing:.1e} m"
         reasons = {
-            Stop.CONVERGED: f"converged in {iterations} sub-problems",
+            Stop.CONVERGED: "converged",
             Stop.INFEASIBLE: f"no clear and drivable path near this one: {short}",
-            Stop.STALLED: f"no step lowers the merit any more after {iterations} sub-problems: {short}",
-            Stop.ITERATION_LIMIT: f"{iterations} sub-problems were not enough: {short}",
-            Stop.TIME_LIMIT: f"out of time after {iterations} sub-problems: {short}",
+            Stop.STALLED: f"no step lowers the merit any more: {short}",
+            Stop.ITERATION_LIMIT: f"the sub-problems were not enough: {short}",
+            Stop.TIME_LIMIT: f"out of time: {short}",
             Stop.FAILED: word,
         }
         return Outcome(knots=point.knots, stop=stop, reason=reasons[stop], iterations=iterations)

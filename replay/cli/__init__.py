@@ -28,7 +28,7 @@ _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command, by default the process's own; returns the exit status (see `ExitStatus`)."""
     tokens = list(sys.argv[1:] if arguments is None else arguments)
-    _use_one_thread()
+    use_one_thread()
     if tokens and tokens[0] in COMMANDS:
         drop_stale()
     try:
@@ -79,7 +79,7 @@ def _version() -> str:
     return importlib.metadata.version("truck-trailer-replay")
 
 
-def _use_one_thread() -> None:
+def use_one_thread() -> None:
     """Keep numerical libraries from starting threads: the arrays are small, threads only cost time.
 
     Takes effect because no command has loaded numpy yet; values that the user has set stay.

@@ -1,5 +1,6 @@
 """The arrangement that a recording opens with: which views there are, what each shows, where the timeline stands."""
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ class Content(NamedTuple):
     areas_legend: float  # height of the swept area's legend [m]
     progress: list[Plot]  # over the iterations
     residuals: list[Plot]
+    cost_legends: dict[str, float]  # height of the legend of each method's cost map [m]
 
 
 def blueprint(content: Content) -> rrb.Blueprint:
@@ -40,6 +42,7 @@ def blueprint(content: Content) -> rrb.Blueprint:
         tabs.append(_convergence(content))
     if content.residuals:
         tabs.append(_residuals(content))
+    tabs += [_costs(content, track) for track in content.tracks if track.picture is not None]
     tabs += [_areas(content), _details()]
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=0),
@@ -65,7 +68,7 @@ def _plan(content: Content, name: str, shown: list[str], legend: float = 0.0) ->
 
 def _of(track: Track, *parts: str) -> list[str]:
     """Entities of one path; vehicles and swept areas have children."""
-    nested = {"vehicle", "cusps", "swept", "closest", "rejected"}
+    nested = {"vehicle", "cusps", "swept", "closest", "rejected", "cost"}
     return [entity("scene", track.name, part) + ("/**" if part in nested else "") for part in parts]
 
 
@@ -98,7 +101,8 @@ def _signal(content: Content, name: str, legend: rrb.Corner2D | None) -> rrb.Tim
     if name == "clearance_m":
         lowest = min(float(track.distance.min()) for track in content.tracks)
         title = f"Clearance to the nearest obstacle [m], required {number(limits[0])} m"
-        return _plot(entity("signals", name), title, (min(0.0, 1.1 * lowest), _CLEARANCE_SHOWN), legend=legend)
+        top = max(_CLEARANCE_SHOWN, 2.0 * lowest) if math.isfinite(lowest) else _CLEARANCE_SHOWN
+        return _plot(entity("signals", name), title, (min(0.0, 1.1 * lowest), top), legend=legend)
     largest = max(float(np.abs(signals_of(content.problem, track)[name]).max()) for track in content.tracks)
     top = 1.15 * min(max(limits[-1], largest), 3.0 * limits[-1])
     title = {
@@ -175,10 +179,28 @@ def _over_iterations(plot: Plot, legend: rrb.Corner2D | None) -> rrb.TimeSeriesV
     return _plot(entity(*plot.parts), plot.title, plot.y_range, legend=legend)
 
 
-def _residuals(content: Content) -> rrb.Grid:
+def _residuals(content: Content) -> rrb.Vertical:
     """Each with its own legend: not every method has every residual. At the lower left there is seldom a curve."""
     plots = [_over_iterations(plot, legend=rrb.Corner2D.LeftBottom) for plot in content.residuals]
-    return rrb.Grid(*plots, grid_columns=2 if len(plots) in (2, 4) else 3, name="Residuals")
+    half = len(plots) if len(plots) < 4 else (len(plots) + 1) // 2
+    rows = [row for row in (plots[:half], plots[half:]) if row]
+    return rrb.Vertical(*(rrb.Horizontal(*row) for row in rows), name="Residuals")
+
+
+def _costs(content: Content, track: Track) -> rrb.Horizontal:
+    """What a method that moves points sees, and what became of it."""
+    label, legend = track.style.label, max(content.legend, content.cost_legends[track.name])  # both to one scale
+    dots = [entity("scene", track.name, "cost", part) for part in ("moved", "anchored")]
+    seen = [entity("scene", "legend", f"cost {track.name}"), *_of(track, "cost")]
+    driven = ["/scene/legend/paths", *_of(content.tracks[0], "path", "cusps"), *dots]
+    outcome = f"the truck's path, {track.status}"
+    if track.is_own:
+        driven += _of(track, "path", "cusps")
+    views = [
+        _plan(content, f"{label}: points of the trailer's axle on the cost of obstacles", seen, legend),
+        _plan(content, f"{label}: points of the trailer's axle and {outcome}", driven, legend),
+    ]
+    return rrb.Horizontal(*views, name=f"Cost map ({track.name})")
 
 
 def _areas(content: Content) -> rrb.Spatial2DView:

@@ -7,6 +7,7 @@ import numpy as np
 
 from optim.arrays import Array, frozen
 from optim.path import Path
+from optim.result import Picture
 from optim.scene import Scene
 
 if TYPE_CHECKING:
@@ -38,7 +39,16 @@ def localised(run: "Run") -> tuple["Run", Array]:
 def _method(run: "MethodRun", offset: Array) -> "MethodRun":
     iterates = tuple(dataclasses.replace(iterate, path=moved(iterate.path, offset)) for iterate in run.iterates)
     rejected = None if run.rejected_path is None else moved(run.rejected_path, offset)
-    return dataclasses.replace(run, path=moved(run.path, offset), iterates=iterates, rejected_path=rejected)
+    picture = None if run.picture is None else _moved_picture(run.picture, offset)
+    return dataclasses.replace(
+        run, path=moved(run.path, offset), iterates=iterates, rejected_path=rejected, picture=picture
+    )
+
+
+def _moved_picture(picture: Picture, offset: Array) -> Picture:
+    x, y = picture.origin
+    origin = (x - float(offset[0]), y - float(offset[1]))
+    return dataclasses.replace(picture, points=frozen(picture.points - offset), origin=origin)
 
 
 def moved(path: Path, offset: Array) -> Path:

@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 import rerun as rr
+import shapely
 from numpy.typing import NDArray
 
 from optim.arrays import Array
@@ -124,7 +125,10 @@ def _log_distance(rec: rr.RecordingStream, problem: Problem, track: Track, frame
     body, obstacle = track.nearest[worst]
     away = (obstacle - body) / max(float(np.hypot(*(obstacle - body))), 1e-9)
     label_at = obstacle + 0.05 * frame.size * away  # over the obstacle, off the way
-    leader = rr.LineStrips2D([[body, label_at]], colors=[colour], radii=points(0.75), draw_order=41.0)
+    margin = -0.06 * frame.size
+    if not shapely.contains_xy(frame.grown(margin, margin, margin, margin).box, *label_at):
+        label_at = (body + obstacle) / 2
+    leader = rr.LineStrips2D([[body, obstacle, label_at]], colors=[colour], radii=points(0.75), draw_order=41.0)
     closest = rr.Points2D(
         [body, label_at],
         colors=[colour],

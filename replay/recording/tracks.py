@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 from optim.arrays import Array, IntArray
 from optim.path import Path, Samples
 from optim.problem import Problem
-from optim.result import Iterate
+from optim.result import Iterate, Picture
 from optim.scene import witnesses
 from replay.recording.picture import swept_area
 from replay.style import RECORDED, Style, styles
@@ -60,6 +60,10 @@ class Track:
     def is_own(self) -> bool:
         """Whether the path is its own, not the recorded one shown again."""
         return self.status in ("recorded", "improved")
+
+    @property
+    def picture(self) -> Picture | None:
+        return self.run.picture if self.run is not None else None
 
     @property
     def iterates(self) -> tuple[Iterate, ...]:

@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from optim.arrays import Array
-from replay.recording import convergence, ground, scene, signals, summary
+from replay.recording import convergence, costs, ground, scene, signals, summary
 from replay.recording.blueprint import Content, blueprint
 from replay.recording.entities import BODIES, entity
 from replay.recording.local import localised
@@ -94,6 +94,7 @@ def _fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Arra
     for track in tracks:
         scene.log_iterates(rec, track)
         scene.log_rejected(rec, track, frame)
+    cost_legends = costs.log_costs(rec, tracks, frame)
     signals.log_signals(rec, problem, tracks)
     progress, residuals = convergence.main_plots(tracks), convergence.residual_plots(tracks)
     convergence.log_plots(rec, progress + residuals)
@@ -108,6 +109,7 @@ def _fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Arra
         areas_legend=areas_legend,
         progress=progress,
         residuals=residuals,
+        cost_legends=cost_legends,
     )
     rec.send_blueprint(blueprint(content))
 
@@ -181,6 +183,8 @@ def expected_rows(tracks: list[Track]) -> dict[str, int]:
             driven += [("signals", name, track.name) for name in ("steering_deg", "hitch_deg", "curvature_per_m")]
             least |= {entity(*parts): len(track.progress) for parts in driven}
             least |= {entity("scene", track.name, "path"): 1, entity("gear", track.name): len(track.starts)}
+        if track.picture is not None:
+            least |= {entity("scene", track.name, "cost", part): 1 for part in ("map", "moved", "anchored")}
         if track.iterates:
             least[entity("scene", track.name, "iterate")] = len(track.iterates)
     return least

@@ -1,0 +1,50 @@
+"""What a method that moves points works on: its cost map and its points, those that it held in place apart."""
+
+import math
+from typing import Final
+
+import numpy as np
+import rerun as rr
+
+from optim.result import Picture
+from replay.recording.entities import BRIGHT, entity, image, points
+from replay.recording.ground import log_legend
+from replay.recording.picture import Frame
+from replay.recording.text import number
+from replay.recording.tracks import Track
+from replay.style import Colour
+
+_COST: Final[Colour] = (236, 132, 44)
+_MOST_PIXELS: Final = 1200  # along a side
+_OPAQUE: Final = 170  # of 255: obstacles below show through
+
+
+def log_costs(rec: rr.RecordingStream, tracks: list[Track], frame: Frame) -> dict[str, float]:
+    """The pictures of those methods that have one; heights of their legends above the frame by method's name [m]."""
+    return {track.name: _log(rec, track, track.picture, frame) for track in tracks if track.picture is not None}
+
+
+def _log(rec: rr.RecordingStream, track: Track, picture: Picture, frame: Frame) -> float:
+    base = entity("scene", track.name, "cost")
+    step = math.ceil(max(picture.cost_map.shape) / _MOST_PIXELS)
+    values = picture.cost_map[::step, ::step]
+    largest = float(values.max())
+    pixels = np.zeros((*values.shape, 4), np.uint8)
+    pixels[..., :3] = _COST
+    pixels[..., 3] = np.round(_OPAQUE * np.clip(values / max(largest, 1e-300), 0.0, 1.0))
+    cell = step * picture.resolution
+    corner = [picture.origin[0] - 0.5 * cell, picture.origin[1] - 0.5 * cell, 0.0]  # nodes are the pixels' centres
+    rec.log(f"{base}/map", rr.Transform3D(translation=corner, scale=[cell] * 3), image(pixels, -30.0), static=True)
+    kinds = [
+        ("moved", ~picture.anchored, track.style.colour, 2.0),
+        ("anchored", picture.anchored, BRIGHT, 3.5),
+    ]
+    for k, (name, chosen, colour, size) in enumerate(kinds):
+        dots = rr.Points2D(picture.points[chosen], colors=[colour], radii=points(size), draw_order=32.0 + k)
+        rec.log(f"{base}/{name}", dots, static=True)
+    entries = [
+        (f"cost of a place, 0 to {number(largest, 0)}", _COST),
+        (f"{int((~picture.anchored).sum())} points moved", track.style.colour),
+        (f"{int(picture.anchored.sum())} points held in place", BRIGHT),
+    ]
+    return log_legend(rec, frame, entries, f"cost {track.name}")

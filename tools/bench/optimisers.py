@@ -1,0 +1,122 @@
+"""J, gear changes and time of the methods at knots on logs, in one run: nlp, scp, and scp after shortcut.
+
+Usage: python tools/bench/optimisers.py LOG...
+
+Each method solves every log once after a first solution that is not counted (compilation, loading). Times are CPU
+seconds, with building and solving. The last columns compare scp with nlp.
+"""
+
+import argparse
+import pathlib
+import sys
+import time
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from optim.methods import METHODS as KNOWN
+from optim.methods import Method
+from optim.methods.chain import named
+from optim.objective import objective
+from optim.problem import Problem
+from optim.result import OnIterate, Result, ignore
+from optim.scp import loop
+from optim.scp.subproblem import Step
+from replay.case import Case
+from replay.cli import use_one_thread
+from replay.kernels import drop_stale
+from replay.logs import ReadOptions, read_cases
+from replay.run import run_case
+
+METHODS = ("nlp", "scp", "shortcut+scp")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("logs", nargs="+", type=pathlib.Path)
+    logs = parser.parse_args().logs
+    use_one_thread()  # IPOPT's linear algebra, loaded later, else spends twice the CPU time for the same solution
+    drop_stale()
+    cases = [(log.stem, read_cases(log, ReadOptions())[0]) for log in logs]
+    methods = {name: named(name, KNOWN) for name in METHODS}
+    for method in methods.values():
+        method.solve(cases[0][1].problem)
+    print(f"{'log':<13}{'recorded':>13}" + "".join(f"{name:>25}" for name in METHODS) + f"{'dJ [%]':>9}{'time':>8}")
+    ratios, differences = [], []
+    for name, case in cases:
+        rows = [_measure(case, key, method) for key, method in methods.items()]
+        (nlp_j, nlp_s), (scp_j, scp_s) = ((row[0], row[2]) for row in rows[:2])
+        differences.append(100.0 * (scp_j / nlp_j - 1.0))
+        ratios.append(nlp_s / scp_s)
+        before = f"{objective(case.problem.recorded, case.problem.weights):.2f} / {case.problem.recorded.num_cusps}"
+        cells = "".join(f"{f'{j:.3f} / {cusps} {seconds:6.2f} s {word}':>25}" for j, cusps, seconds, word in rows)
+        print(f"{name:<13}{before:>13}{cells}{differences[-1]:>9.3f}{ratios[-1]:>7.1f}x", flush=True)
+    within = sum(difference <= 0.1 for difference in differences)
+    print(f"scp within 0.1 % of nlp or better on {within} of {len(cases)}; median time ratio {np.median(ratios):.1f}")
+    for name, case in cases:
+        print(f"{name:<13}{_sub_problems(case.problem)}")
+    return 0
+
+
+def _measure(case: Case, name: str, method: Method) -> tuple[float, int, float, str]:
+    """J, gear changes, CPU seconds of solving alone, and the first letter of the audited status."""
+    started = time.process_time()
+    result = method.solve(case.problem)
+    seconds = time.process_time() - started
+    run = run_case(case, {name: _Given(result)}).methods[0]
+    return objective(run.path, case.problem.weights), run.path.num_cusps, seconds, run.status[0]
+
+
+class _Given:
+    """A method that gives back a result that is there already, so that it is audited without solving again."""
+
+    def __init__(self, result: Result) -> None:
+        self.result = result
+
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        del problem, on_iterate
+        return self.result
+
+
+def _sub_problems(problem: Problem) -> str:
+    """Where scp's time goes: in Clarabel (setup and solution), around it in a sub-problem, and outside of those."""
+    import clarabel
+
+    solver: Any = clarabel  # compiled: type checkers cannot see into it
+    clock = {"solver": 0.0, "sub-problem": 0.0}
+    count = 0
+    real, solve = solver.DefaultSolver, loop.solve_subproblem
+
+    class Timed:
+        def __init__(self, *args: Any) -> None:
+            started = time.perf_counter()
+            self.inner = real(*args)
+            clock["solver"] += time.perf_counter() - started
+
+        def solve(self) -> Any:
+            started = time.perf_counter()
+            solution = self.inner.solve()
+            clock["solver"] += time.perf_counter() - started
+            return solution
+
+    def timed(*args: Any) -> Step:
+        nonlocal count
+        started = time.perf_counter()
+        step = solve(*args)
+        clock["sub-problem"] += time.perf_counter() - started
+        count += 1
+        return step
+
+    with patch.object(solver, "DefaultSolver", Timed), patch.object(loop, "solve_subproblem", timed):
+        started = time.perf_counter()
+        KNOWN["scp"].solve(problem)
+        whole = time.perf_counter() - started
+    inside, each = clock["solver"] / clock["sub-problem"], clock["sub-problem"] / count
+    rest = 1.0 - clock["sub-problem"] / whole
+    each_of = f"{count:>4} sub-problems, {each * 1e3:.1f} ms each, {1.0 - inside:.0%} of it outside Clarabel"
+    return f"{each_of}; {rest:.0%} of scp's time outside of sub-problems"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
