@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.arrays import Array
-from optim.ddp.model import TruckModel, knots_from, trajectory_of
+from optim.ddp.model import Residuals, TruckModel, knots_from, trajectory_of
 from optim.ddp.solver import End, Settings, minimise
 from optim.methods.transcription import Knots, objective_of
 from optim.problem import Problem
 
-_MOST_PENALTY = (1e5, 1e4, 1e4)
+_MOST_PENALTY = (1e7, 1e6, 1e6)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,7 @@ class Descent:
     iterations: int = 0
     gradient: float = np.inf
     gap: float = np.inf
-    residuals: tuple[float, float, float] = (np.inf, np.inf, np.inf)
+    residuals: Residuals = Residuals((np.inf,) * 3, (np.inf,) * 3)
     end: End = End.ITERATION_LIMIT
 
     @property
@@ -68,7 +68,7 @@ class Descent:
 
     @property
     def violation(self) -> float:
-        return max(*self.residuals, self.gap)
+        return max(*self.residuals.violation, self.gap)
 
 
 OnStep = Callable[[Descent, float], None]
@@ -89,7 +89,7 @@ def descend(descent: Descent, plan: Plan, on_step: OnStep) -> bool:
 
     Gives up where the worst residual, in units of its tolerance, has not halved in `_PATIENCE` updates.
     """
-    model, before = descent.model, descent.residuals
+    model, before = descent.model, descent.residuals.complementary
     scalars, worst = model.lagrangian.scalars, []
 
     def stepped(states: Array, controls: Array, step: float, gradient: float) -> None:
@@ -111,14 +111,15 @@ def descend(descent: Descent, plan: Plan, on_step: OnStep) -> bool:
         descent.states, descent.controls, descent.end = found.states, found.controls, found.end
         descent.gradient, descent.gap = found.gradient, found.gap
         descent.residuals = model.residuals(descent.states, update=True)
-        met = all(value <= limit for value, limit in zip(descent.residuals, plan.tolerances, strict=True))
+        now = descent.residuals.complementary
+        met = all(value <= limit for value, limit in zip(now, plan.tolerances, strict=True))
         if met and found.gradient <= plan.gradient:
             return True
-        worst.append(max(value / limit for value, limit in zip(descent.residuals, plan.tolerances, strict=True)))
+        worst.append(max(value / limit for value, limit in zip(now, plan.tolerances, strict=True)))
         if len(worst) > _PATIENCE and worst[-1] > max(1.0, 0.5 * worst[-1 - _PATIENCE]):
             return False
         for i in range(3):
-            if descent.residuals[i] > max(0.25 * before[i], plan.tolerances[i]):
+            if now[i] > max(0.25 * before[i], plan.tolerances[i]):
                 scalars[i] = min(scalars[i] * plan.growth, max(_MOST_PENALTY[i], scalars[i]))
-        before = descent.residuals
+        before = now
     return False

@@ -139,12 +139,12 @@ def knot_terms(scene, footprints, offset, rows, lagrangian, states, k, derive, e
 
 @njit(cache=True)
 def residuals(scene, footprints, offset, rows, lagrangian, states, update):
-    """Largest miss of the goal, excess of the hitch angle and lack of clearance; `update` moves the multipliers.
+    """Largest residuals of goal, hitch angle and clearance, and the violations of the last two; `update` moves lambda.
 
-    The second and third are complementarity residuals, |max(c, -lambda / rho)|: they also see a force where nothing
-    touches.
+    The residuals of inequalities, |max(c, -lambda / rho)|, also see a force where nothing touches; their violations
+    are max(c, 0).
     """
-    goal_miss, hitch_miss, clearance_miss = 0.0, 0.0, 0.0
+    goal_miss, hitch_miss, clearance_miss, hitch_over, clearance_short = 0.0, 0.0, 0.0, 0.0, 0.0
     last = states.shape[0] - 1
     for i in range(4):
         miss = states[last, i] - lagrangian.goal[i]
@@ -155,7 +155,7 @@ def residuals(scene, footprints, offset, rows, lagrangian, states, update):
         for side in range(2):
             sign, penalty = 1.0 if side == 0 else -1.0, lagrangian.scalars[1]
             c, multiplier = sign * states[k, 3] - lagrangian.scalars[3], lagrangian.hitch_multiplier[k, side]
-            hitch_miss = max(hitch_miss, abs(max(c, -multiplier / penalty)))
+            hitch_miss, hitch_over = max(hitch_miss, abs(max(c, -multiplier / penalty))), max(hitch_over, c)
             if update:
                 lagrangian.hitch_multiplier[k, side] = max(0.0, multiplier + penalty * c)
         penalty = lagrangian.scalars[2]
@@ -164,6 +164,7 @@ def residuals(scene, footprints, offset, rows, lagrangian, states, update):
             distance = feature_distance(scene, rows.polygon[row], rows.feature[row], rect)[0]
             c = lagrangian.required[k, rows.body[row]] - distance
             clearance_miss = max(clearance_miss, abs(max(c, -rows.multiplier[row] / penalty)))
+            clearance_short = max(clearance_short, c)
             if update:
                 rows.multiplier[row] = max(0.0, rows.multiplier[row] + penalty * c)
-    return goal_miss, hitch_miss, clearance_miss
+    return goal_miss, hitch_miss, clearance_miss, hitch_over, clearance_short

@@ -1,5 +1,7 @@
 """The truck with one trailer as a `Model`: knots in, augmented Lagrangian out."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from optim.arrays import Array, IntArray
@@ -19,6 +21,15 @@ HITCH_ROOM = 2e-4
 """The hitch angle stays that far from its limit at knots [rad], since between knots it may be larger."""
 MOST_POLYGONS = 6
 """Polygons near one body at one knot that are looked at, the nearest ones."""
+
+
+class Residuals(NamedTuple):
+    """Of goal [m, rad], hitch angle [rad] and clearance [m], the largest each."""
+
+    complementary: tuple[float, float, float]
+    """What decides convergence: for the inequalities |max(c, -lambda / rho)|."""
+    violation: tuple[float, float, float]
+    """What decides feasibility: max(c, 0)."""
 
 
 def stages_of(problem: Problem, knots: Knots) -> Stages:
@@ -151,8 +162,9 @@ class TruckModel:
         place = (self.stages, self._scene, self.problem.vehicle.footprints, self.rows, self.lagrangian)
         return roll_out(*place, self.expansion, states, controls, policy, step, self.reach, *out)
 
-    def residuals(self, states: Array, update: bool) -> tuple[float, float, float]:
-        """Largest residuals of goal, hitch angle, clearance; with `update`, the multipliers move."""
+    def residuals(self, states: Array, update: bool) -> Residuals:
+        """Largest residuals and violations; with `update`, the multipliers move."""
         vehicle = self.problem.vehicle
         place = (self._scene, vehicle.footprints, vehicle.hitch_offset, self.rows, self.lagrangian)
-        return residuals(*place, states, update)
+        goal, hitch, clear, over, short = residuals(*place, states, update)
+        return Residuals((goal, hitch, clear), (goal, over, short))

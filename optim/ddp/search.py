@@ -35,24 +35,16 @@ def required_clearance(problem: Problem, knots: Knots) -> Array:
     return np.full((len(knots.phi), 2), problem.required_clearance + _ROOM)
 
 
-def settle(
-    problem: Problem, knots: Knots, plans: tuple[Plan, ...], on_step: OnStep
-) -> tuple[Descent, Plan | None]:
-    """The descent of the first plan that ends feasible, and that plan; the last descent and None if none does.
-
-    Low penalties go farther down, high ones keep to the ground.
-    """
-    for plan in plans:
-        descent = start_descent(problem, knots, required_clearance(problem, knots), plan)
-        descend(descent, plan, on_step)
-        if is_feasible(descent, plan):
-            return descent, plan
-    return descent, None
+def settle(problem: Problem, knots: Knots, plan: Plan, on_step: OnStep) -> Descent:
+    """A descent from these knots to its end."""
+    descent = start_descent(problem, knots, required_clearance(problem, knots), plan)
+    descend(descent, plan, on_step)
+    return descent
 
 
 def is_feasible(descent: Descent, plan: Plan) -> bool:
     """Whether constraints are met, stationary or not; a residual of five times its tolerance will do."""
-    met = (value <= 5.0 * limit for value, limit in zip(descent.residuals, plan.tolerances, strict=True))
+    met = (value <= 5.0 * limit for value, limit in zip(descent.residuals.violation, plan.tolerances, strict=True))
     return descent.gap <= 1e-6 and all(met)
 
 
@@ -94,8 +86,8 @@ def _without(best: Descent, index: int, plan: Plan, on_step: OnStep) -> Descent 
     states = knots.states.copy()
     states[0], states[-1] = problem.initial.start, problem.initial.goal
     knots = remesh(problem.vehicle, replace(knots, states=states), plan.spacing, problem.initial)
-    found, kept = settle(problem, knots, (plan,), on_step)
-    return found if kept is not None else None
+    found = settle(problem, knots, plan, on_step)
+    return found if is_feasible(found, plan) else None
 
 
 def refined(descent: Descent, plan: Plan) -> Descent:

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from optim.ddp.augmented import Descent, Plan
-from optim.ddp.search import Finding, polish, refined, settle, shed_segments
+from optim.ddp.model import Residuals
+from optim.ddp.search import Finding, is_feasible, polish, refined, settle, shed_segments
 from optim.ddp.solver import End
 from optim.ddp.source import solve_source
 from optim.methods.transcription import knots_of, path_of
@@ -44,8 +45,8 @@ class Ddp:
     removals: int = 4
     """Segments whose removal may be tried in vain, shortest first."""
     goal_penalty: float = 1000.0
-    """First penalty of the goal [1/m^2, 1/rad^2]; where a descent ends infeasible, another begins with ten times
-    this, and a hundred times `clearance_penalty`."""
+    """First penalty of the goal [1/m^2, 1/rad^2]; where a descent ends infeasible, others begin with 10 and 1000
+    times this, and 100 and 1000 times `clearance_penalty`."""
     clearance_penalty: float = 10.0
     """First penalty of clearance and hitch angle [1/m^2, 1/rad^2]."""
     gradient_tolerance: float = 1e-3
@@ -80,10 +81,10 @@ class Ddp:
         if self.variant == "source":
             return solve_source(problem, self.spacing, self.max_iterations, on_iterate)
         tell = _Teller(problem, self, on_iterate)
-        for spacing in (self.coarse_spacing, self.spacing):
-            knots = knots_of(problem.vehicle, problem.initial, spacing)
-            descent, plan = settle(problem, knots, self._first_plans(spacing), tell.step)
-            if plan is None:
+        for plan in self._first_plans():
+            knots = knots_of(problem.vehicle, problem.initial, plan.spacing)
+            descent = settle(problem, knots, plan, tell.step)
+            if not is_feasible(descent, plan):
                 continue
             # the last is the best, unless it only exists between coarse knots
             for candidate in reversed(shed_segments(descent, plan, self.removals, tell.step)):
@@ -93,10 +94,11 @@ class Ddp:
                     return tell.result(descent, finding)
         return tell.result(descent, None)
 
-    def _first_plans(self, spacing: float) -> tuple[Plan, Plan]:
+    def _first_plans(self) -> tuple[Plan, ...]:
+        """What is tried in turn until a path is found: low penalties go farther down, high ones keep to the ground."""
         loose = (2e-4, 1e-3, 1e-3)  # [m, rad]: what comes after is exact
         low = Plan(
-            spacing=spacing,
+            spacing=self.coarse_spacing,
             penalties=(self.goal_penalty, self.clearance_penalty, self.clearance_penalty),
             rounds=self.max_updates,
             iterations=self.max_iterations,
@@ -104,7 +106,10 @@ class Ddp:
             tolerances=loose,
             curvature=self.hessian == "full",
         )
-        return low, replace(low, penalties=self._high_penalties())
+        goal, hitch, clear = self._high_penalties()
+        highest = (100.0 * goal, 10.0 * hitch, 10.0 * clear)
+        coarse = [replace(low, penalties=penalties) for penalties in (low.penalties, (goal, hitch, clear), highest)]
+        return *coarse, *(replace(plan, spacing=self.spacing) for plan in coarse)
 
     def _last_plan(self) -> Plan:
         return Plan(
@@ -138,7 +143,7 @@ class _Teller:
             return
         residuals = descent.model.residuals(descent.states, update=False)
         path = path_of(self.problem.vehicle, descent.knots, self.problem.initial)
-        self._tell(path, max(residuals), size, self._over_tolerance(descent, residuals))
+        self._tell(path, max(residuals.violation), size, self._over_tolerance(descent, residuals))
 
     def _tell(self, path: Path, violation: float, size: float, residuals: dict[str, float]) -> None:
         value = objective(path, self.problem.weights)
@@ -153,8 +158,8 @@ class _Teller:
             )
         )
 
-    def _over_tolerance(self, descent: Descent, residuals: tuple[float, float, float]) -> dict[str, float]:
-        goal, hitch, clear = residuals
+    def _over_tolerance(self, descent: Descent, residuals: Residuals) -> dict[str, float]:
+        goal, hitch, clear = residuals.complementary
         return {
             "projected gradient": descent.gradient / self.options.gradient_tolerance,
             "goal": goal / self.options.goal_tolerance,
@@ -167,7 +172,7 @@ class _Teller:
         path = self.problem.initial
         if finding is not None and finding.value < self.value:
             path = finding.path
-        goal, hitch, clear = descent.residuals
+        goal, hitch, clear = descent.residuals.violation
         numbers = (
             f"projected gradient {descent.gradient:.1e}, goal missed by {goal:.1e}, hitch angle over by {hitch:.1e} rad, "
             f"clearance short by {clear:.1e} m, gap {descent.gap:.1e}"
