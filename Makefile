@@ -51,6 +51,7 @@ bench: $(MADE)  ## measure speed and quality
 	$(BIN)/python tools/bench/steering.py
 	$(BIN)/python tools/bench/shortcut.py recordings/*.mcap
 	$(BIN)/python tools/bench/optimisers.py recordings/*.mcap
+	$(BIN)/python tools/bench/ddp.py recordings/*.mcap
 	$(BIN)/python tools/bench/cpo.py recordings/*.mcap
 
 corpus: $(MADE)  ## make the recorded logs in recordings/ again

@@ -81,9 +81,7 @@ class CarParking:
         _roll_out(states, controls, np.zeros((STEPS, 2)), np.zeros((STEPS, 2, 4)), 0.0, *out)
         return out
 
-    def roll_out(
-        self, states: Array, controls: Array, policy: Policy, step: float, out: tuple[Array, Array]
-    ) -> float:
+    def roll_out(self, states: Array, controls: Array, policy: Policy, step: float, out: tuple[Array, Array]) -> float:
         return _roll_out(states, controls, policy.k, policy.gain, step, *out)
 
     def expand(self, states: Array, controls: Array, curvature: bool) -> tuple[float, Expansion]:
@@ -105,7 +103,10 @@ class CarParking:
             e.lz[:-1, i] = RUNNING_COST * x[:, i] / norm
             e.lzz[:-1, i, i] = RUNNING_COST * RUNNING_SMOOTH**2 / norm**3
         norm = np.sqrt(states[-1] ** 2 + FINAL_SMOOTH**2)
-        e.lz[-1, :4], e.lzz[-1, :4, :4] = FINAL_COST * states[-1] / norm, np.diag(FINAL_COST * FINAL_SMOOTH**2 / norm**3)
+        e.lz[-1, :4], e.lzz[-1, :4, :4] = (
+            FINAL_COST * states[-1] / norm,
+            np.diag(FINAL_COST * FINAL_SMOOTH**2 / norm**3),
+        )
         e.low[:], e.high[:] = -LIMITS - controls, LIMITS - controls
         cost = sum(running_cost(x[t], w[t], a[t]) for t in range(STEPS)) + final_cost(states[-1])
         return cost, e

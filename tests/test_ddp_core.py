@@ -101,14 +101,14 @@ def test_a_box_constrained_quadratic_is_minimised_exactly(seed):
     h, g = root @ root.T + 0.1 * np.eye(m), 3.0 * rng.standard_normal(m)
     low, high = -rng.uniform(0.0, 1.0, m), rng.uniform(0.0, 1.0, m)
     x, held = np.zeros(m), np.zeros(m, np.int64)
-    assert box_qp(h, g, low, high, x, held, np.zeros((m, m)), *np.empty((3, m)), (0,) * m)
+    assert box_qp(h, g, low, high, x, held, np.zeros((m, m)), np.empty(m), np.empty(m), np.empty(m), (0,) * m)
     np.testing.assert_allclose(x, _enumerated(h, g, low, high), atol=1e-7)
 
 
 def test_a_quadratic_that_is_not_convex_is_refused():
-    work = np.empty((3, 2))
+    space = np.empty(2), np.empty(2), np.empty(2)
     low, high = np.full(2, -1.0), np.ones(2)
-    assert not box_qp(-np.eye(2), np.ones(2), low, high, np.zeros(2), np.zeros(2, np.int64), np.eye(2), *work, (0, 0))
+    assert not box_qp(-np.eye(2), np.ones(2), low, high, np.zeros(2), np.zeros(2, np.int64), np.eye(2), *space, (0, 0))
 
 
 def test_a_control_held_by_a_bound_follows_it_when_the_state_moves():

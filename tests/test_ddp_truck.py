@@ -128,7 +128,9 @@ def test_the_least_distance_of_all_features_is_the_clearance(seed):
         for body in range(2):
             rect = rectangle(packed, problem.vehicle.footprints, 0.0, states, k, body)
             mine = [r for r in range(rows.first[k], rows.first[k + 1]) if rows.body[r] == body]
-            least = min((feature_distance(packed, rows.polygon[r], rows.feature[r], rect)[0] for r in mine), default=9.0)
+            least = min(
+                (feature_distance(packed, rows.polygon[r], rows.feature[r], rect)[0] for r in mine), default=9.0
+            )
             if exact[k, body] < 4.0:
                 assert least == pytest.approx(exact[k, body], abs=1e-9) or least < exact[k, body] < 0.0
 

@@ -11,6 +11,7 @@ from optim.ddp.solver import End, Settings, minimise
 from optim.methods.transcription import Knots, objective_of
 from optim.problem import Problem
 
+_UNKNOWN = Residuals((np.inf, np.inf, np.inf), (np.inf, np.inf, np.inf))
 _MOST_PENALTY = (1e7, 1e6, 1e6)
 
 
@@ -54,7 +55,7 @@ class Descent:
     iterations: int = 0
     gradient: float = np.inf
     gap: float = np.inf
-    residuals: Residuals = Residuals((np.inf,) * 3, (np.inf,) * 3)
+    residuals: Residuals = _UNKNOWN
     end: End = End.ITERATION_LIMIT
 
     @property

@@ -27,7 +27,7 @@ from optim.ddp.boxqp import AT_LOW, FREE, box_qp, solve_factored
 
 
 class Expansion(NamedTuple):
-    """Derivatives along a trajectory of N stages by z = (x, u), n states and m controls. Writable; a model fills them."""
+    """Derivatives by z = (x, u) along N stages with n states and m controls. Writable; a model fills them."""
 
     fz: Array
     """Of f. Shape (N, n, n + m)."""
@@ -55,8 +55,9 @@ class Expansion(NamedTuple):
     """Their derivatives by the state; shape (N, m, n), or (0, m, n) for constant bounds."""
     high_x: Array
     """As `low_x`."""
-    sizes: tuple[tuple[int, ...], tuple[int, ...]]
-    """Tuples of n and of m entries: their lengths are known to the compiler, so that loops unroll (twice as fast)."""
+    sizes: tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]
+    """Tuples of n, of m and of (n + m + 3) // 4 entries: the compiler knows their lengths, so that loops unroll (twice
+    as fast)."""
 
 
 class Policy(NamedTuple):
@@ -84,7 +85,7 @@ def new_expansion(stages: int, n: int, m: int, curved: int = 0, moving_bounds: b
         high=np.full((stages, m), np.inf),
         low_x=np.zeros((moving, m, n)),
         high_x=np.zeros((moving, m, n)),
-        sizes=((0,) * n, (0,) * m),
+        sizes=((0,) * n, (0,) * m, (0,) * ((n + m + 3) // 4)),
     )
 
 
@@ -92,26 +93,44 @@ def new_policy(stages: int, n: int, m: int) -> Policy:
     return Policy(np.zeros((stages, m)), np.zeros((stages, m, n)))
 
 
-@njit(cache=True, fastmath={"contract"})
-def _propagate(e, k, vxx, p, curved, regularisation, vf, qz, qzz):
-    """Q's derivatives by z at stage k; vf is space of shape (n, n + m)."""
-    n, m = len(e.sizes[0]), len(e.sizes[1])
+@njit(cache=True, inline="always")
+def _propagate(e, k, vxx, p, curved, regularisation, f, vf, qz, qzz):
+    """Q's derivatives by z at stage k; f and vf are space of shape (n, 4 blocks), qzz has that many columns too.
+
+    Four columns at a time, so that their sums stay in registers.
+    """
+    n, m, blocks = len(e.sizes[0]), len(e.sizes[1]), len(e.sizes[2])
     for i in range(n):
         for j in range(n + m):
-            total = 0.0
+            f[i, j] = e.fz[k, i, j]
+    for i in range(n):
+        for block in range(blocks):
+            j = 4 * block
+            a0, a1, a2, a3 = 0.0, 0.0, 0.0, 0.0
             for c in range(n):
-                total += vxx[i, c] * e.fz[k, c, j]
-            vf[i, j] = total
+                value = vxx[i, c]
+                a0 += value * f[c, j]
+                a1 += value * f[c, j + 1]
+                a2 += value * f[c, j + 2]
+                a3 += value * f[c, j + 3]
+            vf[i, j], vf[i, j + 1], vf[i, j + 2], vf[i, j + 3] = a0, a1, a2, a3
     for i in range(n + m):
         total = e.lz[k, i]
         for c in range(n):
-            total += e.fz[k, c, i] * p[c]
+            total += f[c, i] * p[c]
         qz[i] = total
-        for j in range(i + 1):
-            total = e.lzz[k, i, j]
+        for block in range(i // 4 + 1):
+            j = 4 * block
+            a0, a1, a2, a3 = 0.0, 0.0, 0.0, 0.0
             for c in range(n):
-                total += e.fz[k, c, i] * vf[c, j]
-            qzz[i, j] = total
+                value = f[c, i]
+                a0 += value * vf[c, j]
+                a1 += value * vf[c, j + 1]
+                a2 += value * vf[c, j + 2]
+                a3 += value * vf[c, j + 3]
+            qzz[i, j], qzz[i, j + 1], qzz[i, j + 2], qzz[i, j + 3] = a0, a1, a2, a3
+        for j in range(i + 1):
+            qzz[i, j] += e.lzz[k, i, j]
     for c in range(curved):
         for i in range(n + m):
             for j in range(i + 1):
@@ -127,7 +146,7 @@ def _propagate(e, k, vxx, p, curved, regularisation, vf, qz, qzz):
         qzz[n + i, n + i] += regularisation * e.control_metric[i]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _feedback(e, k, gain, qzz, chol, held, quu, moving, column):
     """K: free controls minimise, held ones follow their bound."""
     n, m = len(e.sizes[0]), len(e.sizes[1])
@@ -149,7 +168,7 @@ def _feedback(e, k, gain, qzz, chol, held, quu, moving, column):
                 gain[i, j] = column[i]
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(cache=True, inline="always")
 def _value_function(sizes, qz, qzz, quu, k, gain, vx, vxx, slope, row):
     """V_x and V_xx of a stage; slope and row are space of shapes (m,) and (m, n)."""
     n, m = len(sizes[0]), len(sizes[1])
@@ -192,7 +211,8 @@ def backward_pass(e, regularisation, curvature, policy, report):
     curved = e.fzz.shape[1] if curvature else 0
     moving = e.low_x.shape[0] > 0
     # what a stage works on lies in arrays of its own: a view of one stage costs more than a copy
-    vf, qzz, qz, p = np.empty((n, n + m)), np.empty((n + m, n + m)), np.empty(n + m), np.empty(n)
+    wide = 4 * len(e.sizes[2])
+    f, vf, qzz, qz, p = np.zeros((n, wide)), np.empty((n, wide)), np.empty((n + m, wide)), np.empty(n + m), np.empty(n)
     quu, qu, low, high = np.empty((m, m)), np.empty(m), np.empty(m), np.empty(m)
     step, gain, vx, vxx = np.empty(m), np.empty((m, n)), np.empty(n), np.empty((n, n))
     slope, row, chol = np.empty(m), np.empty((m, n)), np.zeros((m, m))
@@ -207,7 +227,7 @@ def backward_pass(e, regularisation, curvature, policy, report):
             vxx[i, j] = e.lzz[stages, i, j] + regularisation * e.metric[stages, i, j]
     for k in range(stages - 1, -1, -1):
         _across_gap(e, k, vx, vxx, p, report)
-        _propagate(e, k, vxx, p, curved, regularisation, vf, qz, qzz)
+        _propagate(e, k, vxx, p, curved, regularisation, f, vf, qz, qzz)
         for i in range(m):
             qu[i], low[i], high[i], step[i] = qz[n + i], e.low[k, i], e.high[k, i], 0.0
             largest = max(largest, abs(min(max(-qu[i], low[i]), high[i])))
@@ -230,7 +250,7 @@ def backward_pass(e, regularisation, curvature, policy, report):
     return -1
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _across_gap(e, k, vx, vxx, p, report):
     """p = V_x + V_xx gap, and what closing the gap changes."""
     n = len(e.sizes[0])

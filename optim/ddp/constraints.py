@@ -14,7 +14,6 @@ from optim.arrays import Array, IntArray
 from optim.collision import rectangle
 from optim.ddp.features import OTHER, POINT, SIDE, feature_distance
 
-
 NEAREST = 0.01
 """Least slack [m, rad] that the metric tells from none."""
 

@@ -8,7 +8,7 @@ from optim.arrays import Array, IntArray
 from optim.ddp.backward import Expansion, Policy, new_expansion
 from optim.ddp.constraints import Lagrangian, Rows, residuals
 from optim.ddp.features import list_features
-from optim.ddp.truck import LEVER, CONTROLS, CURVED, STATES, Stages, expand, roll_out
+from optim.ddp.truck import CONTROLS, CURVED, LEVER, STATES, Stages, expand, roll_out
 from optim.geometry import PackedScene
 from optim.methods.transcription import Knots
 from optim.problem import Problem
@@ -133,13 +133,14 @@ class TruckModel:
         vehicle, room = self.problem.vehicle, max(2048, len(self.rows.body))
         first = np.zeros(len(states) + 1, np.int64)
         while True:
-            columns = [np.empty(room, np.int64) for _ in range(3)] + [np.empty(room)]
-            place = (self._scene, vehicle.footprints, vehicle.hitch_offset, states)
-            count = list_features(*place, self.reach, MOST_POLYGONS, self.rows, first, *columns)
+            body, polygon, feature = (np.empty(room, np.int64) for _ in range(3))
+            multiplier = np.empty(room)
+            place = (self._scene, vehicle.footprints, vehicle.hitch_offset, states, self.reach, MOST_POLYGONS)
+            count = list_features(*place, self.rows, first, body, polygon, feature, multiplier)
             if count <= room:
                 break
             room = 2 * count
-        self.rows = Rows(first, *(column[:count] for column in columns))
+        self.rows = Rows(first, body[:count], polygon[:count], feature[:count], multiplier[:count])
 
     def take_over(self, other: "TruckModel", knot: IntArray, share: Array) -> None:
         """Start with the multipliers of another model: knot k's are share[k] times those of its knot[k]."""
@@ -156,9 +157,7 @@ class TruckModel:
         place = (self.stages, self._scene, self.problem.vehicle.footprints, self.rows, self.lagrangian)
         return expand(*place, states, controls, curvature, self.expansion), self.expansion
 
-    def roll_out(
-        self, states: Array, controls: Array, policy: Policy, step: float, out: tuple[Array, Array]
-    ) -> float:
+    def roll_out(self, states: Array, controls: Array, policy: Policy, step: float, out: tuple[Array, Array]) -> float:
         place = (self.stages, self._scene, self.problem.vehicle.footprints, self.rows, self.lagrangian)
         return roll_out(*place, self.expansion, states, controls, policy, step, self.reach, *out)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from optim.arrays import Array, IntArray
 from optim.ddp.augmented import Descent, OnStep, Plan, descend, start_descent
-from optim.methods.transcription import Knots, knots_of, path_of, remesh, without_segment
+from optim.methods.transcription import Knots, path_of, remesh, without_segment
 from optim.objective import objective
 from optim.path import Path
 from optim.problem import Problem
@@ -145,7 +145,9 @@ def _missing(problem: Problem, knots: Knots, path: Path) -> Array:
         swept = swept_clearance(problem.scene, problem.vehicle, segment.s, segment.states, segment.phi)
         middle = 0.5 * (segment.s[1:] + segment.s[:-1])
         interval = np.searchsorted(np.cumsum(knots.h[run]), middle)
-        np.maximum.at(missing, run.start + np.minimum(interval, run.stop - run.start - 1), problem.required_clearance - swept)
+        np.maximum.at(
+            missing, run.start + np.minimum(interval, run.stop - run.start - 1), problem.required_clearance - swept
+        )
     return missing
 
 

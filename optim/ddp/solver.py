@@ -23,9 +23,7 @@ class Model(Protocol):
         """Cost and derivatives at states (N + 1, n) and controls (N, m); the model keeps the arrays."""
         ...
 
-    def roll_out(
-        self, states: Array, controls: Array, policy: Policy, step: float, out: tuple[Array, Array]
-    ) -> float:
+    def roll_out(self, states: Array, controls: Array, policy: Policy, step: float, out: tuple[Array, Array]) -> float:
         """Fill `out` with the states and controls of u + step k + K dx, gaps closed by `step`; their cost or inf.
 
         The states and controls are those of the last expansion."""
@@ -51,7 +49,7 @@ class Settings:
     acceptance: float = 1e-4
     """A step must give at least this share of the decrease it promises."""
     least_decrease: float = 1e-12
-    """Promised decreases below this, relative to the cost, are rounding: the full step is taken and the rest is over."""
+    """Promised decreases below this, relative to the cost, are rounding: the full step is taken."""
 
 
 class End(enum.Enum):
@@ -177,7 +175,7 @@ def _search(
         value = model.roll_out(states, controls, policy, step, out)
         expected = step * linear + step * step * (total - linear) - step * weight * gaps
         change = value - cost - step * weight * gaps
-        if expected < 0.0 and change <= settings.acceptance * expected or abs(expected) + abs(change) <= noise:
+        if (expected < 0.0 and change <= settings.acceptance * expected) or abs(expected) + abs(change) <= noise:
             return step
         step *= 0.5
     return 0.0

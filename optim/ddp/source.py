@@ -1,9 +1,10 @@
 """The source's own formulation, kept for comparison (Esteban Cabezos 2020, section 4.3, figure 4.7).
 
 Four states, weights instead of constraints, single shooting with feedback, iLQR. The source names its weights and gives
-their values, W_a = diag(1, 0.3), W_b = W_c = I, W_d = 1e-5, but the pages with the cost are not available. Read here as
+their values, W_a = diag(1, 0.3), W_b = W_c = I, W_d = 1e-5, but the pages with the cost are not at hand. Here it is
 
-    sum_k  u_k' W_a u_k + (x_k - r_k)' W_b (x_k - r_k) + W_d sum_points min(0, d - D)^2  +  (x_N - goal)' W_c (x_N - goal)
+    sum_k  u_k' W_a u_k + (x_k - r_k)' W_b (x_k - r_k) + W_d sum_points min(0, d - D)^2
+    + (x_N - goal)' W_c (x_N - goal)
 
 with u = (step length, steering angle), constant over a step, r the recorded states, d the distance field at points
 round both bodies, D = 1 m. Nothing makes the last state the goal, nothing bounds the hitch angle or how fast the wheels
@@ -47,9 +48,7 @@ class SourceModel:
     field: DistanceField
     expansion: Expansion
 
-    def roll_out(
-        self, states: Array, controls: Array, policy: Policy, step: float, out: tuple[Array, Array]
-    ) -> float:
+    def roll_out(self, states: Array, controls: Array, policy: Policy, step: float, out: tuple[Array, Array]) -> float:
         x, u = out
         x[0] = states[0]
         for k in range(len(self.gear)):

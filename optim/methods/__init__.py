@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, Protocol
 
-from optim.methods.ddp import Ddp
 from optim.methods.cpo import Cpo
+from optim.methods.ddp import Ddp
 from optim.methods.nlp import Nlp
 from optim.methods.scp import Scp
 from optim.methods.shortcut import Shortcut

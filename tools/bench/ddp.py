@@ -11,10 +11,12 @@ What is not installed is left out: `pip install crocoddyl pycddp` into any envir
 """
 
 import argparse
+import importlib
 import pathlib
 import sys
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +52,7 @@ def linear_quadratic() -> None:
     ours = least(lambda: backward_pass(e, 0.0, False, policy, report), 500)
     print(f"backward pass, {STAGES} stages, {N} states, {M} controls: optim.ddp {1e6 * ours / STAGES:.2f} us a stage")
     try:
-        import crocoddyl
+        crocoddyl: Any = importlib.import_module("crocoddyl")
     except ImportError:
         print("crocoddyl is not installed")
         return
@@ -68,7 +70,7 @@ def linear_quadratic() -> None:
 
 
 def car_parking() -> None:
-    import car_parking as car
+    car: Any = importlib.import_module("car_parking")  # among the tests
 
     print("\ncar parking, T = 500 (Tassa, Mansard, Todorov 2014):")
     for curvature in (False, True):
@@ -79,7 +81,7 @@ def car_parking() -> None:
         name = "full DDP" if curvature else "iLQR"
         print(f"  optim.ddp {name}: cost {found.cost:.6f}, {found.iterations} iterations, {seconds:.2f} s")
     try:
-        import pycddp
+        pycddp: Any = importlib.import_module("pycddp")
     except ImportError:
         print("pycddp is not installed")
         return
@@ -92,7 +94,7 @@ def car_parking() -> None:
             return car.final_cost(state)
 
         def evaluate(self, states: list[np.ndarray], controls: list[np.ndarray]) -> float:
-            running = sum(self.running_cost(x, u, 0) for x, u in zip(states, controls, strict=False))
+            running = sum(car.running_cost(x, u[0], u[1]) for x, u in zip(states, controls, strict=False))
             return running + self.terminal_cost(states[-1])
 
     for kind in (pycddp.SolverType.IPDDP, pycddp.SolverType.MSIPDDP):
