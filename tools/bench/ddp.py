@@ -76,8 +76,9 @@ def car_parking() -> None:
     for curvature in (False, True):
         settings = Settings(iterations=500, curvature=curvature, gradient=1e-5, first_regularisation=1.0)
         model = car.CarParking(curvature)
-        found = minimise(model, *model.initial(), settings)
-        seconds = least(lambda s=settings, m=model: minimise(m, *m.initial(), s), 3)
+        states, controls = model.initial()
+        found = minimise(model, states, controls, settings)
+        seconds = least(lambda m=model, x=states, u=controls, s=settings: minimise(m, x, u, s), 3)
         name = "full DDP" if curvature else "iLQR"
         print(f"  optim.ddp {name}: cost {found.cost:.6f}, {found.iterations} iterations, {seconds:.2f} s")
     try:
