@@ -1,0 +1,154 @@
+"""Check how `replay info` behaves on a folder of broken, hostile and odd logs that come with a manifest.
+
+Usage: python tools/bad_logs.py FOLDER [--only TEXT] [--jobs N]
+
+FOLDER/manifest.json lists `cases`, each with `file`, `class`, `code`, `messages`, `lost` and `limits` (seconds, rss_mib):
+
+    accepts      read without loss: every message counted, exit status 0
+    recovers     read in part, or with a remark: exactly `messages` counted, and a remark or an error of one line
+    clear_error  refused, or used without what is broken: a line with a stable code, never a traceback
+
+Each log is read by a process of its own under a limit of address space and time. What behaves otherwise is listed; the
+exit status is 1 then. The code of an error is compared too, and shown where it differs: both have names of their own.
+"""
+
+import argparse
+import json
+import pathlib
+import re
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+ADDRESS_SPACE = 6 << 30
+"""Of one process [bytes]; loading the program alone takes some 2 GiB of addresses, little of it memory."""
+START_S = 8.0
+"""Added to the time limit of a case [s]: starting Python on a busy machine."""
+_START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
+_CODE = re.compile(r"\[([EW]_[A-Z0-9_]+)\]\s*$")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What reading one log came to."""
+
+    wrong: tuple[str, ...]
+    """What differs from the manifest; empty if nothing."""
+    code: str
+    """Of the first error; empty if there was none."""
+    seconds: float
+    rss_mib: float
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=pathlib.Path)
+    parser.add_argument("--only", default="", help="cases whose name contains this")
+    parser.add_argument("--jobs", type=int, default=2)
+    arguments = parser.parse_args()
+    cases = json.loads((arguments.folder / "manifest.json").read_text())["cases"]
+    cases = [case for case in cases if arguments.only in case["name"]]
+    with ThreadPoolExecutor(arguments.jobs) as pool:
+        outcomes = list(pool.map(lambda case: check(arguments.folder, case), cases))
+    for case, outcome in zip(cases, outcomes, strict=True):
+        if outcome.wrong:
+            print(f"{case['name']} ({case['class']}, {case['why']}): {'; '.join(outcome.wrong)}")
+    as_said = sum(not outcome.wrong for outcome in outcomes)
+    refused = [pair for pair in zip(cases, outcomes, strict=True) if pair[0]["class"] == "clear_error"]
+    for case, outcome in refused:
+        if outcome.code != case["code"]:
+            print(f"  code of {case['name']}: {outcome.code or 'none'}, in the manifest {case['code']}")
+    slowest, largest = max(o.seconds for o in outcomes), max(o.rss_mib for o in outcomes)
+    print(f"{as_said} of {len(cases)} as the manifest says; slowest {slowest:.1f} s, largest {largest:.0f} MiB")
+    return int(as_said != len(cases))
+
+
+def check(folder: pathlib.Path, case: dict[str, Any]) -> Outcome:
+    """Read one log in a process of its own."""
+    limits = case["limits"]
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        started = time.monotonic()
+        process = subprocess.Popen(
+            [sys.executable, "-c", _START, "info", "--json", str(folder / case["file"])],
+            stdin=subprocess.DEVNULL,
+            stdout=out,
+            stderr=err,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE)),
+        )
+        rss_mib = _watch(process, started + limits["seconds"] + START_S)
+        seconds = time.monotonic() - started
+        out.seek(0), err.seek(0)
+        said, spoken = out.read().decode(errors="replace"), err.read().decode(errors="replace")
+    wrong = [f"took {seconds:.0f} s"] if rss_mib is None else []
+    wrong += _compare(case, process.returncode, said, spoken)
+    if rss_mib is not None and rss_mib > limits["rss_mib"]:
+        wrong.append(f"{rss_mib:.0f} MiB of memory, at most {limits['rss_mib']} allowed")
+    return Outcome(wrong=tuple(wrong), code=_code(said), seconds=seconds, rss_mib=rss_mib or 0.0)
+
+
+def _watch(process: subprocess.Popen[bytes], deadline: float) -> float | None:
+    """Wait; the largest resident memory seen [MiB], or None if the process had to be ended."""
+    largest = 0.0
+    status = pathlib.Path(f"/proc/{process.pid}/status")
+    while process.poll() is None:
+        if time.monotonic() > deadline:
+            process.kill()
+            process.wait()
+            return None
+        try:
+            peak = re.search(r"VmHWM:\s+(\d+) kB", status.read_text())
+        except OSError:
+            peak = None
+        largest = max(largest, int(peak[1]) / 1024.0 if peak else 0.0)
+        time.sleep(0.01)
+    return largest
+
+
+def _document(said: str) -> dict[str, Any]:
+    try:
+        return json.loads(said)["logs"][0]
+    except (ValueError, KeyError, IndexError):
+        return {}
+
+
+def _code(said: str) -> str:
+    found = _CODE.search(_document(said).get("error") or "")
+    return found[1] if found else ""
+
+
+def _compare(case: dict[str, Any], status: int, said: str, spoken: str) -> list[str]:
+    """What differs from what the manifest says of a case."""
+    log = _document(said)
+    wrong = [f"exit status {status}"] if status not in (0, 2, 3) else []
+    if "Traceback" in spoken or "internal error" in spoken:
+        wrong.append("a traceback or an internal error")
+    if any(ord(letter) < 32 and letter not in "\n\t" for letter in spoken):
+        wrong.append("control characters on standard error")
+    if not log:
+        return [*wrong, "no document"]
+    error = log.get("error")
+    if error and ("\n" in error or not _code(said)):
+        wrong.append(f"not an error of one line with a code: {error!r}")
+    read = sum(channel["messages"] for channel in log["channels"])
+    if case["class"] == "accepts":
+        if status != 0 or log["lost"]:
+            wrong.append(f"not accepted (status {status}): {error}")
+        if read != case["messages"]:
+            wrong.append(f"{read} messages, {case['messages']} expected")
+    elif case["class"] == "recovers":
+        if case["messages"] is not None and read != case["messages"]:
+            wrong.append(f"{read} messages, {case['messages']} expected")
+        if not error and not spoken.strip() and not any(part["read"]["notes"] for part in log["cases"]):
+            wrong.append("no remark")
+    elif status == 0:
+        wrong.append(f"not refused, {case['code']} expected")
+    return wrong
+
+
+if __name__ == "__main__":
+    sys.exit(main())
