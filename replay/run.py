@@ -2,29 +2,31 @@
 
 import dataclasses
 import math
-import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
-
-from numba.core import event
 
 from optim.audit import AuditReport, audit_path, audit_recorded
 from optim.methods import Method
 from optim.methods.chain import Chain
 from optim.metrics import metrics
+from optim.objective import objective
 from optim.path import Path
 from optim.problem import Problem
 from optim.result import Iterate, Picture, Result, Stop
 from replay.case import Case
 from replay.results import path_to_document, scene_to_document
+from replay.solving import Solve, Solved, solve
 
 Status = Literal["improved", "kept", "failed"]
 
 MOST_ITERATES = 400
 """Iterates kept for playing back, at most; the first and the last accepted one always are."""
+LEAST_VIOLATION = 1e-4
+"""Violation, in the method's own scaling, from which on an iterate is not worth an audit."""
+MOST_TRIED = 10
+"""Iterates of a method without a result that are audited, at most."""
 LEAST_GAIN = 1e-9
 """Relative gain in J below which a path is no better than the recorded one: rounding alone reaches 1e-12."""
 
@@ -103,11 +105,13 @@ def run_case(
     *,
     on_start: Callable[[str], None] | None = None,
     seed: int = 0,
+    solve: Solve = solve,
 ) -> Run:
     """Run methods on a case, one after the other; one that fails does not stop the others.
 
     The callbacks get the method's name, before it starts and with each iterate. `seed` is noted, not used: seeds
-    are options of the methods. Raises Interrupted on Ctrl-C.
+    are options of the methods; `solve` runs a method, by default in this process (see `replay.worker`). Raises
+    Interrupted on Ctrl-C.
     """
     problem = case.problem
     run = Run(
@@ -123,7 +127,7 @@ def run_case(
             if on_start is not None:
                 on_start(name)
             iterates = _Iterates(name, on_iterate)
-            run = dataclasses.replace(run, methods=(*run.methods, _run_method(run, name, method, iterates)))
+            run = dataclasses.replace(run, methods=(*run.methods, _run_method(run, name, method, iterates, solve)))
     except KeyboardInterrupt:
         raise Interrupted(run) from None
     return run
@@ -170,32 +174,47 @@ def _scalars(iterate: Iterate) -> dict[str, Any]:
     return {name: getattr(iterate, name) for name in fields} | {"residuals": dict(iterate.residuals)}
 
 
-def _run_method(run: Run, name: str, method: Method, iterates: _Iterates) -> MethodRun:
+def _run_method(run: Run, name: str, method: Method, iterates: _Iterates, solve: Solve) -> MethodRun:
     """Solve, measure, audit; any exception ends here, in a run that has failed."""
-    times = {}
+    solved = solve(run.case.problem, method, iterates)
     try:
-        with _timed(times):
-            result = method.solve(run.case.problem, iterates)
-        verdict = _judge(run, result)
-    except Exception as error:  # a border: whatever a method does wrong is its own failure, and recorded
+        verdict = _verdict(run, solved, iterates)
+    except Exception as error:  # a border: what a method gave may be anything
         message = " ".join(str(error).split())
-        verdict = _recorded(run, "failed", f"{type(error).__name__}: {message}" if message else type(error).__name__)
-        verdict |= {"stop": Stop.FAILED.value, "iterations": len(iterates.history)}
-        verdict["traceback"] = traceback.format_exc()
+        verdict = _failed(run, f"{type(error).__name__}: {message}", iterates, traceback.format_exc())
+    times = {"wall_s": solved.wall_s, "compile_s": solved.compile_s}
     return MethodRun(name=name, history=iterates.history, iterates=iterates.kept, **times, **verdict)
 
 
-@contextmanager
-def _timed(times: dict[str, float]) -> Iterator[None]:
-    """Note `wall_s` and `compile_s` of the block, also when it raises."""
-    compiling = event.TimingListener()
-    started = time.perf_counter()
-    try:
-        with event.install_listener("numba:compile", compiling):
-            yield
-    finally:
-        compile_s = compiling.duration if compiling.done else 0.0
-        times |= {"wall_s": time.perf_counter() - started - compile_s, "compile_s": compile_s}
+def _verdict(run: Run, solved: Solved, iterates: _Iterates) -> dict[str, Any]:
+    if solved.error:
+        return _failed(run, solved.error, iterates, solved.traceback)
+    if solved.result is None:
+        return _best_so_far(run, iterates, f"Its time was up after {solved.wall_s:.1f} s.")
+    return _judge(run, solved.result)
+
+
+def _failed(run: Run, reason: str, iterates: _Iterates, trace: str) -> dict[str, Any]:
+    end = {"stop": Stop.FAILED.value, "iterations": len(iterates.history), "traceback": trace}
+    return _recorded(run, "failed", reason) | end
+
+
+def _best_so_far(run: Run, iterates: _Iterates, reason: str) -> dict[str, Any]:
+    """Of a method whose time was up: its best iterate that passes the audit.
+
+    Those without violation are tried in the order of J, at most `MOST_TRIED` of them.
+    """
+    problem = run.case.problem
+    before = objective(problem.recorded, problem.weights)
+    better = [each for each in iterates.kept if each.violation <= LEAST_VIOLATION and each.objective < before]
+    iterations = len(iterates.history)
+    for iterate in sorted(better, key=lambda each: each.objective)[:MOST_TRIED]:
+        result = Result(path=iterate.path, stop=Stop.TIME_LIMIT, reason=reason, iterations=iterations)
+        verdict = _judge(run, result)
+        if verdict["status"] == "improved":
+            return verdict | {"reason": f"{reason} This is iterate {iterate.iteration}."}
+    end = {"stop": Stop.TIME_LIMIT.value, "iterations": iterations}
+    return _recorded(run, "kept", f"{reason} No iterate by then was better and passed the audit.") | end
 
 
 def _judge(run: Run, result: Result) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 Usage: python tools/bad_logs.py FOLDER [--only TEXT] [--jobs N]
 
-FOLDER/manifest.json lists `cases`, each with `file`, `class`, `code`, `messages`, `lost` and `limits` (seconds, rss_mib):
+FOLDER/manifest.json lists `cases`, each with `file`, `class`, `code`, `messages` and `limits` (seconds, rss_mib):
 
     accepts      read without loss: every message counted, exit status 0
     recovers     read in part, or with a remark: exactly `messages` counted, and a remark or an error of one line
@@ -82,7 +82,8 @@ def check(folder: pathlib.Path, case: dict[str, Any]) -> Outcome:
         )
         rss_mib = _watch(process, started + limits["seconds"] + START_S)
         seconds = time.monotonic() - started
-        out.seek(0), err.seek(0)
+        out.seek(0)
+        err.seek(0)
         said, spoken = out.read().decode(errors="replace"), err.read().decode(errors="replace")
     wrong = [f"took {seconds:.0f} s"] if rss_mib is None else []
     wrong += _compare(case, process.returncode, said, spoken)

@@ -8,7 +8,7 @@ Usage: python tools/fuzz.py TARGET [--minutes M] [--corpus FOLDER] [--seed N]
     metadata    the records `vehicle` and `path_nodes`
     results     results files, and the audit of what they hold
 
-Whatever ends in one of the errors of one line (`replay.errors`) is well. Anything else, or an input that takes more than
+Whatever ends in one of the errors of one line (`replay.errors`) is well. Anything else, or an input that takes over
 5 seconds, ends the run; its bytes are in a file crash-* or timeout-* in the corpus folder then, which `--corpus` keeps.
 """
 
@@ -80,7 +80,7 @@ def metadata(path: pathlib.Path, data: bytes) -> None:
     del path
     provider = atheris.FuzzedDataProvider(data)
     words = [provider.ConsumeUnicodeNoSurrogates(60) for _ in range(6)]
-    values = dict(zip(("wheelbase", "hitch_to_axle", "max_steer", words[0]), words[1:], strict=False))
+    values: dict[str, str] = dict(zip(("wheelbase", "hitch_to_axle", "max_steer", words[0]), words[1:], strict=False))
     with contextlib.suppress(Refusal):
         vehicle_of([Metadata(name="vehicle", values=values, duplicates=())])
     with contextlib.suppress(Refusal):
@@ -126,7 +126,7 @@ def seeds(target: str) -> Iterator[bytes]:
 
 def _small_results() -> bytes:
     """The results of the smallest run: one method that gives the recorded path back."""
-    from scenes import random_problem
+    random_problem = importlib.import_module("scenes").random_problem
 
     from optim.methods.shortcut import Shortcut
     from replay.case import Case, ReadReport

@@ -1,6 +1,7 @@
 """`replay optimize`: read logs, run methods, write recordings and results, show the comparison."""
 
 import dataclasses
+import math
 import pathlib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -16,6 +17,7 @@ from replay.cli.outputs import Outputs
 from replay.cli.reading import Reading, read_options
 from replay.cli.session import Session
 from replay.cli.usage import unknown
+from replay.worker import Limits
 
 if TYPE_CHECKING:
     MethodFlags: TypeAlias = Any
@@ -24,6 +26,8 @@ else:
     MethodFlags = flags_of(METHODS, "Options of {name}")
     WeightFlags = flags_of({"weights": Weights()}, "Weights of the objective J")
 
+LEAST_MEMORY = 512
+"""Memory below which loading the kernels alone may fail [MiB]."""
 _FLAT = Parameter(name="*")
 
 
@@ -35,6 +39,8 @@ def optimize(
     out: pathlib.Path = pathlib.Path(),
     seed: int | None = None,
     recording: bool = True,
+    time_limit: float | None = None,
+    memory_limit: int = 4096,
     common: Annotated[Common | None, _FLAT] = None,
     reading: Annotated[Reading | None, _FLAT] = None,
     weights: Annotated[WeightFlags | None, _FLAT] = None,
@@ -56,7 +62,13 @@ def optimize(
         Seed for every method that has one.
     recording
         Write the Rerun recording.
+    time_limit
+        Time that each method has for a case [s], compiling not counted; then its best iterate so far that passes the
+        audit is its result. No limit by default.
+    memory_limit
+        Memory that the process of the methods may use [MiB]; a method that needs more fails.
     """
+    _check_limits(time_limit, memory_limit)
     session = Session(
         voice=Voice(common or Common()),
         methods=_chosen(method, _with_options(options, seed)),
@@ -65,8 +77,16 @@ def optimize(
         seed=seed or 0,
         outputs=Outputs(out, logs),
         recording=recording,
+        limits=Limits(time_s=math.inf if time_limit is None else time_limit, memory_mib=memory_limit),
     )
     return session.run(logs)
+
+
+def _check_limits(time_limit: float | None, memory_limit: int) -> None:
+    if time_limit is not None and not 0.0 < time_limit < math.inf:
+        raise UsageError(f"--time-limit is {time_limit:g}, expected more than 0 s")
+    if memory_limit < LEAST_MEMORY:
+        raise UsageError(f"--memory-limit is {memory_limit}, expected {LEAST_MEMORY} MiB or more")
 
 
 def _with_options(options: Any, seed: int | None) -> dict[str, Method]:

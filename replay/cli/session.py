@@ -3,7 +3,8 @@
 import dataclasses
 import pathlib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import partial
 from typing import Any
 
 from optim.methods import Method
@@ -17,7 +18,9 @@ from replay.logs import ReadOptions, read_cases
 from replay.progress import Progress
 from replay.results import to_document, write_results
 from replay.run import Interrupted, Run, run_case
+from replay.solving import Solve, solve
 from replay.tables import reasons, recorded_failures, result_table, verdict
+from replay.worker import NO_LIMITS, Limits, Worker, can_isolate
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -46,16 +49,18 @@ class Session:
     seed: int
     outputs: Outputs
     recording: bool
+    limits: Limits = NO_LIMITS
 
     def run(self, logs: Sequence[pathlib.Path]) -> ExitStatus:
         """Run all logs; the exit status. What was finished before a Ctrl-C is written and shown."""
         entries: list[LogEntry] = []
         interrupted = False
         try:
-            for log in logs:
-                entries.append(LogEntry(log=str(log)))
-                with self._failures_kept(entries[-1]):
-                    self._run_log(log, entries[-1], position=f"{len(entries)}/{len(logs)}")
+            with self._solver() as solver:
+                for log in logs:
+                    entries.append(LogEntry(log=str(log)))
+                    with self._failures_kept(entries[-1]):
+                        self._run_log(log, entries[-1], solver, position=f"{len(entries)}/{len(logs)}")
         except KeyboardInterrupt:
             interrupted = True
             self.voice.error("interrupted; what was finished has been kept")
@@ -66,7 +71,7 @@ class Session:
         self.voice.document(document | {"logs": [dataclasses.asdict(entry) for entry in entries]})
         return status
 
-    def _run_log(self, log: pathlib.Path, entry: LogEntry, position: str) -> None:
+    def _run_log(self, log: pathlib.Path, entry: LogEntry, solver: Solve, position: str) -> None:
         with self._progress(position) as progress:
             progress.show(log.name, "reading")
             cases = read_cases(log, self.read)
@@ -76,9 +81,9 @@ class Session:
             for note in case.read.notes:
                 self.voice.note(f"{case.name}: {note}")
             weighted = dataclasses.replace(case.problem, weights=self.weights)
-            self._run_case(dataclasses.replace(case, problem=weighted), names, entry, position)
+            self._run_case(dataclasses.replace(case, problem=weighted), names, entry, solver, position)
 
-    def _run_case(self, case: Case, names: Names, entry: LogEntry, position: str) -> None:
+    def _run_case(self, case: Case, names: Names, entry: LogEntry, solver: Solve, position: str) -> None:
         interruption = None
         with self._progress(position) as progress:
             progress.show(case.name, "measuring the recorded path")
@@ -89,6 +94,7 @@ class Session:
                     on_iterate=lambda _, iterate: progress.iterate(iterate),
                     on_start=lambda name: progress.show(f"{case.name} {name}", "starting"),
                     seed=self.seed,
+                    solve=solver,
                 )
             except Interrupted as interrupted:
                 run, interruption = interrupted.run, interrupted
@@ -137,6 +143,10 @@ class Session:
             entry.fell_short = True
             entry.error = f"{entry.log}: internal error, {type(error).__name__}: {' '.join(str(error).split())}"
             self.voice.error(entry.error + ("" if self.voice.common.verbose else " (--verbose shows where)"))
+
+    def _solver(self) -> AbstractContextManager[Solve]:
+        """What runs the methods: a process of its own, where the system has such."""
+        return Worker(self.limits) if can_isolate() else nullcontext(partial(solve, time_limit=self.limits.time_s))
 
     def _progress(self, position: str) -> Progress:
         return Progress(self.voice.people, enabled=self.voice.wants_progress, prefix=position)

@@ -1,0 +1,96 @@
+"""Running one method on one problem: timed, limited in time, its failure turned into words."""
+
+import math
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from numba.core import event
+
+from optim.methods import Method
+from optim.problem import Problem
+from optim.result import Iterate, OnIterate, Result
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solved:
+    """What came of a method."""
+
+    result: Result | None
+    """None where it failed, or ran out of time."""
+    error: str = ""
+    """One line; empty unless it failed."""
+    traceback: str = ""
+    """Of an exception, for developers."""
+    wall_s: float
+    """Time that it took, without compiling [s]."""
+    compile_s: float
+    """Time that went into compiling kernels [s]."""
+
+
+Solve = Callable[[Problem, Method, OnIterate], Solved]
+"""Run a method, telling its iterates; whatever it does wrong comes back as `Solved.error`."""
+
+
+class OutOfTime(BaseException):
+    """Raised through a method that has used up its time; no method may catch it by catching Exception."""
+
+
+class _Compiling(event.Listener):
+    """How long kernels were being compiled since it was installed; tells when that begins and ends."""
+
+    def __init__(self, tell: Callable[[bool], None]) -> None:
+        self.tell = tell
+        self.total, self._depth, self._began = 0.0, 0, 0.0
+
+    def on_start(self, event: event.Event) -> None:
+        del event
+        self._depth += 1
+        if self._depth == 1:
+            self._began = time.perf_counter()
+            self.tell(True)
+
+    def on_end(self, event: event.Event) -> None:
+        del event
+        self._depth -= 1
+        if self._depth == 0:
+            self.total += time.perf_counter() - self._began
+            self.tell(False)
+
+
+def solve(
+    problem: Problem,
+    method: Method,
+    on_iterate: OnIterate,
+    *,
+    time_limit: float = math.inf,
+    on_compiling: Callable[[bool], None] = lambda _: None,
+) -> Solved:
+    """Run a method in this process.
+
+    After `time_limit` [s], compiling not counted, the next iterate ends it, and there is no result. `on_compiling` is
+    told True when compiling begins and False when it ends.
+    """
+    compiling = _Compiling(on_compiling)
+    started = time.perf_counter()
+
+    def spent() -> float:
+        return time.perf_counter() - started - compiling.total
+
+    def watched(iterate: Iterate) -> None:
+        on_iterate(iterate)
+        if spent() > time_limit:
+            raise OutOfTime
+
+    result, error, trace = None, "", ""
+    with event.install_listener("numba:compile", compiling):
+        try:
+            result = method.solve(problem, watched)
+        except OutOfTime:
+            pass
+        except Exception as caught:  # a border: whatever a method does wrong is its own failure, and recorded
+            message = " ".join(str(caught).split())
+            error = f"{type(caught).__name__}: {message}" if message else type(caught).__name__
+            trace = traceback.format_exc()
+    return Solved(result=result, error=error, traceback=trace, wall_s=spent(), compile_s=compiling.total)
