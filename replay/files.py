@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from replay.errors import ReplayError
 
 WRITE_ERROR = "E_WRITE"
+BUSY_ERROR = "E_BUSY"
 
 
 @contextlib.contextmanager
@@ -27,7 +28,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[pathlib.Path]:
     target = pathlib.Path(path)
     if target.name in ("", "..") or "\0" in str(target):
         raise ReplayError(WRITE_ERROR, f"{target} cannot be a file's name")
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    temporary = _temporary(target)
     try:
         with _removed_on_failure(temporary):
             _remove_leftovers(target)
@@ -37,8 +38,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[pathlib.Path]:
             temporary.replace(target)
         _sync_directory(target.parent)
     except OSError as error:
-        reason = error.strerror or str(error) or type(error).__name__
-        raise ReplayError(WRITE_ERROR, f"{target}: cannot be written: {reason}") from error
+        raise _unwritable(target, error) from error
 
 
 @contextlib.contextmanager
@@ -51,6 +51,47 @@ def _removed_on_failure(temporary: pathlib.Path) -> Iterator[None]:
         raise
 
 
+@contextlib.contextmanager
+def reserved(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Keep other processes from working on `path` while the block runs; a killed process keeps nobody out.
+
+    Raises ReplayError (E_BUSY) where another process is at it, E_WRITE where the folder cannot be written to. The
+    mark is the empty temporary file of `atomic_write`, which may be called inside.
+    """
+    target = pathlib.Path(path)
+    mark = _temporary(target)
+    with _removed_on_failure(mark):
+        try:
+            _remove_leftovers(target)
+            _create(mark)
+            others = [pid for pid in _writers(target) if pid != os.getpid() and _is_running(pid)]
+        except OSError as error:
+            raise _unwritable(target, error) from error
+        if others and min(others) < os.getpid():  # of two that begin together, one goes on
+            raise ReplayError(
+                BUSY_ERROR, f"{target}: process {min(others)} is working on it; wait, or use another --out"
+            )
+        yield
+    with contextlib.suppress(OSError):
+        mark.unlink(missing_ok=True)
+
+
+def _unwritable(target: pathlib.Path, error: OSError) -> ReplayError:
+    reason = error.strerror or str(error) or type(error).__name__
+    return ReplayError(WRITE_ERROR, f"{target}: cannot be written: {reason}")
+
+
+def _temporary(target: pathlib.Path) -> pathlib.Path:
+    return target.with_name(f".{target.name}.{os.getpid()}.tmp")
+
+
+def _writers(target: pathlib.Path) -> list[int]:
+    """Processes that have a temporary file of this name, running or not."""
+    pattern = re.compile(re.escape(f".{target.name}.") + r"(\d{1,10})\.tmp")
+    names = os.listdir(target.parent)  # noqa: PTH208 - a folder of results may hold tens of thousands
+    return [int(match[1]) for match in map(pattern.fullmatch, names) if match]
+
+
 def _create(temporary: pathlib.Path) -> None:
     """A new empty file, never what somebody else put there: the name can be guessed, and could be a link."""
     temporary.unlink(missing_ok=True)
@@ -59,11 +100,9 @@ def _create(temporary: pathlib.Path) -> None:
 
 def _remove_leftovers(target: pathlib.Path) -> None:
     """Remove temporary files of this name whose process has gone."""
-    pattern = re.compile(re.escape(f".{target.name}.") + r"(\d{1,10})\.tmp")
-    for name in os.listdir(target.parent):  # noqa: PTH208 - a folder of results may hold tens of thousands
-        match = pattern.fullmatch(name)
-        if match and not _is_running(int(match[1])):
-            target.with_name(name).unlink(missing_ok=True)
+    for pid in _writers(target):
+        if not _is_running(pid):
+            target.with_name(f".{target.name}.{pid}.tmp").unlink(missing_ok=True)
 
 
 def _is_running(pid: int) -> bool:

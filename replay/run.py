@@ -189,8 +189,10 @@ def _run_method(run: Run, name: str, method: Method, iterates: _Iterates, solve:
 def _verdict(run: Run, solved: Solved, iterates: _Iterates) -> dict[str, Any]:
     if solved.error:
         return _failed(run, solved.error, iterates, solved.traceback)
-    if solved.result is None:
+    if solved.out_of_time:
         return _best_so_far(run, iterates, f"Its time was up after {solved.wall_s:.1f} s.")
+    if solved.result is None:
+        return _failed(run, "The method gave no result.", iterates, "")
     return _judge(run, solved.result)
 
 

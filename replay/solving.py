@@ -19,6 +19,7 @@ class Solved:
 
     result: Result | None
     """None where it failed, or ran out of time."""
+    out_of_time: bool = False
     error: str = ""
     """One line; empty unless it failed."""
     traceback: str = ""
@@ -83,14 +84,16 @@ def solve(
         if spent() > time_limit:
             raise OutOfTime
 
-    result, error, trace = None, "", ""
+    result, late, error, trace = None, False, "", ""
     with event.install_listener("numba:compile", compiling):
         try:
             result = method.solve(problem, watched)
         except OutOfTime:
-            pass
+            late = True
         except Exception as caught:  # a border: whatever a method does wrong is its own failure, and recorded
             message = " ".join(str(caught).split())
             error = f"{type(caught).__name__}: {message}" if message else type(caught).__name__
             trace = traceback.format_exc()
-    return Solved(result=result, error=error, traceback=trace, wall_s=spent(), compile_s=compiling.total)
+    return Solved(
+        result=result, out_of_time=late, error=error, traceback=trace, wall_s=spent(), compile_s=compiling.total
+    )

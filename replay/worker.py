@@ -80,7 +80,7 @@ class Worker:
         while True:
             if not pipe.poll(clock.left()):
                 self._end()
-                return Solved(result=None, wall_s=clock.spent(), compile_s=clock.paused)
+                return Solved(result=None, out_of_time=True, wall_s=clock.spent(), compile_s=clock.paused)
             try:
                 kind, body = pickle.loads(pipe.recv_bytes())
             except (EOFError, OSError):

@@ -2,9 +2,13 @@
 
 import dataclasses
 import json
+import os
 import pathlib
 import shutil
-from typing import Any, Literal
+import signal
+import threading
+import time
+from typing import Any
 
 import pytest
 from logs_maker import sound_log
@@ -35,10 +39,21 @@ class Keeps:
 class Raises:
     """Does not come to an answer."""
 
-    how: Literal["an error", "Ctrl-C"] = "an error"
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        raise RuntimeError("lost its way")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Sleeps:
+    """Does not come to an answer in time."""
+
+    begun: pathlib.Path
+    """A file that says that it has begun."""
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
-        raise KeyboardInterrupt if self.how == "Ctrl-C" else RuntimeError("lost its way")
+        self.begun.touch()
+        time.sleep(60.0)
+        raise AssertionError
 
 
 def session(out: pathlib.Path, methods: dict[str, Any], logs: list[pathlib.Path], **common: bool) -> Session:
@@ -72,12 +87,35 @@ def test_a_method_that_finds_nothing_better_is_no_failure(tmp_path, log):
 def test_ctrl_c_gives_status_130_and_keeps_what_was_finished(tmp_path, log, capsys):
     other = tmp_path / "other.mcap"
     shutil.copy(log, other)
-    methods = {"keeps": Keeps(), "hangs": Raises(how="Ctrl-C"), "never": Keeps()}
+    begun = tmp_path / "begun"
+    methods = {"keeps": Keeps(), "sleeps": Sleeps(begun=begun), "never": Keeps()}
+
+    def interrupt() -> None:
+        while not begun.exists():
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt).start()
+    started = time.monotonic()
     assert session(tmp_path / "out", methods, [log, other]).run([log, other]) == 130
+    assert time.monotonic() - started < 20.0
     assert [file.name for file in (tmp_path / "out").iterdir()] == ["yard.results.json"]
     document = json.loads((tmp_path / "out" / "yard.results.json").read_text())
     assert [method["name"] for method in document["methods"]] == ["keeps"]
     assert "interrupted" in capsys.readouterr().err
+
+
+def test_two_runs_of_one_log_in_one_folder_do_not_mix(tmp_path, log, capsys):
+    """The process that is at it is this one's parent, which is running and has a smaller number."""
+    mark = tmp_path / f".yard.results.json.{os.getppid()}.tmp"
+    mark.touch()
+    assert session(tmp_path, {"keeps": Keeps()}, [log]).run([log]) == 2
+    said = capsys.readouterr().err
+    assert f"process {os.getppid()} is working on it; wait, or use another --out [E_BUSY]" in said
+    assert [file.name for file in tmp_path.iterdir()] == [mark.name]
+    mark.rename(tmp_path / ".yard.results.json.999999999.tmp")  # of a process that is no more
+    assert session(tmp_path, {"keeps": Keeps()}, [log]).run([log]) == 0
+    assert [file.name for file in tmp_path.iterdir()] == ["yard.results.json"]
 
 
 def test_a_defect_of_ours_costs_one_log_and_gives_status_1(tmp_path, log, capsys):

@@ -14,6 +14,7 @@ from replay.cli.console import Voice
 from replay.cli.outputs import Names, Outputs
 from replay.cli.usage import ExitStatus
 from replay.errors import ReplayError
+from replay.files import reserved
 from replay.logs import ReadOptions, read_cases
 from replay.progress import Progress
 from replay.results import to_document, write_results
@@ -81,7 +82,8 @@ class Session:
             for note in case.read.notes:
                 self.voice.note(f"{case.name}: {note}")
             weighted = dataclasses.replace(case.problem, weights=self.weights)
-            self._run_case(dataclasses.replace(case, problem=weighted), names, entry, solver, position)
+            with reserved(names.results):
+                self._run_case(dataclasses.replace(case, problem=weighted), names, entry, solver, position)
 
     def _run_case(self, case: Case, names: Names, entry: LogEntry, solver: Solve, position: str) -> None:
         interruption = None

@@ -1,0 +1,159 @@
+"""Methods in a child process: what goes wrong there costs one method."""
+
+import dataclasses
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+from scenes import random_problem
+
+from optim.methods.ddp import Ddp
+from optim.methods.shortcut import Shortcut
+from optim.path import Path
+from optim.problem import Problem
+from optim.result import Iterate, OnIterate, Result, Stop, ignore
+from replay.case import Case, ReadReport
+from replay.run import run_case
+from replay.solving import solve
+from replay.worker import Limits, Worker
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Bad:
+    """A method that goes wrong in a way of choice, after some iterates."""
+
+    how: str
+    iterates: tuple[Path, ...] = ()
+
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        for number, path in enumerate((problem.initial, *self.iterates)):
+            on_iterate(Iterate(iteration=number, path=path, objective=100.0 if number == 0 else 30.0 - number))
+        if self.how == "crashes":
+            os.kill(os.getpid(), signal.SIGSEGV)
+        elif self.how == "leaves":
+            os._exit(7)
+        elif self.how == "hangs":
+            time.sleep(600.0)
+        elif self.how == "eats":
+            np.ones((1 << 31) // 8).sum()
+        elif self.how == "goes on":
+            while True:
+                time.sleep(0.01)
+                on_iterate(Iterate(iteration=9, path=problem.initial, objective=100.0))
+        raise ValueError("went wrong")
+
+
+def _case(problem: Problem) -> Case:
+    read = ReadReport(poses=2, hitch="trailer path", max_deviation_m=0.0, max_deviation_rad=0.0)
+    log = pathlib.Path("yard.mcap")
+    return Case(name="yard/0", log=log, sha256="0" * 64, problem=problem, read=read, map=None, frame="map")
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ("crashes", "its process was ended by SIGSEGV"),
+        ("leaves", "its process ended with exit status 7"),
+        ("eats", "MemoryError"),
+        ("raises", "ValueError: went wrong"),
+    ],
+)
+def test_a_method_that_goes_wrong_in_any_way_has_failed_and_the_next_one_goes_on(how, words):
+    problem = random_problem(1)
+    with Worker(Limits(memory_mib=1500)) as worker:
+        run = run_case(_case(problem), {"bad": Bad(how=how), "shortcut": Shortcut(tries=200)}, solve=worker)
+    bad, good = run.methods
+    assert bad.status == "failed"
+    assert words in bad.reason
+    assert len(bad.history) == 1
+    assert bad.path is problem.recorded
+    assert good.status == "improved"
+
+
+@pytest.mark.parametrize("how", ["hangs", "goes on"])
+def test_when_time_is_up_the_best_iterate_that_passes_the_audit_is_the_result(how):
+    problem = random_problem(1)
+    better = Ddp().solve(problem).path
+    bad = Bad(how=how, iterates=(better, problem.recorded))  # the last one says that it is the best
+    started = time.monotonic()
+    with Worker(Limits(time_s=0.3)) as worker:
+        (run,) = run_case(_case(problem), {"bad": bad}, solve=worker).methods
+    assert time.monotonic() - started < 20.0
+    assert (run.status, run.stop) == ("improved", Stop.TIME_LIMIT.value)
+    assert "Its time was up" in run.reason
+    assert "iterate 1" in run.reason
+    np.testing.assert_array_equal(run.path.samples.states, better.samples.states)
+
+
+def test_without_a_better_iterate_the_recorded_path_is_kept_when_time_is_up():
+    with Worker(Limits(time_s=0.1)) as worker:
+        (run,) = run_case(_case(random_problem(1)), {"bad": Bad(how="goes on")}, solve=worker).methods
+    assert (run.status, run.stop) == ("kept", Stop.TIME_LIMIT.value)
+
+
+def test_a_child_gives_the_same_result_bit_by_bit_and_arrays_stay_read_only():
+    problem, here, there = random_problem(2), [], []
+    first = solve(problem, Ddp(), here.append)
+    with Worker() as worker:
+        second = worker(problem, Ddp(), there.append)
+    assert first.result is not None
+    assert second.result is not None
+    np.testing.assert_array_equal(first.result.path.samples.states, second.result.path.samples.states)
+    assert [each.objective for each in here] == [each.objective for each in there]
+    segment = second.result.path.segments[0]
+    assert not segment.states.flags.writeable
+    assert not segment.phi.flags.writeable
+    assert second.compile_s == 0.0, "the kernels in the cache fit arrays that came through the pipe"
+
+
+def test_an_exception_of_the_listener_ends_the_child_and_flies_on():
+    def listener(_: Iterate) -> None:
+        raise KeyboardInterrupt
+
+    with Worker() as worker:
+        with pytest.raises(KeyboardInterrupt):
+            worker(random_problem(1), Bad(how="hangs"), listener)
+        assert worker(random_problem(1), Shortcut(tries=5), ignore).result is not None, "a new child is started"
+
+
+def test_the_child_ends_when_its_parent_is_killed(tmp_path):
+    script = """
+        import os, pathlib, sys, time
+        sys.path.insert(0, sys.argv[1])
+        from scenes import random_problem
+        from test_worker import Bad
+        from replay.worker import Worker
+
+        def listener(_):
+            child, = pathlib.Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+            print(child, flush=True)
+            time.sleep(60.0)
+
+        with Worker() as worker:
+            worker(random_problem(1), Bad(how="goes on"), listener)
+    """
+    folder = str(pathlib.Path(__file__).parent)
+    command = [sys.executable, "-c", textwrap.dedent(script), folder]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        child = pathlib.Path("/proc") / parent.stdout.readline().strip()
+        assert child.exists()
+        parent.kill()
+    deadline = time.monotonic() + 20.0
+    while _is_alive(child) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not _is_alive(child)
+
+
+def _is_alive(process: pathlib.Path) -> bool:
+    """Whether a folder of /proc is that of a process that runs; one that nobody waits for stays as a zombie."""
+    try:
+        return (process / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
