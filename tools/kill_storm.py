@@ -16,7 +16,7 @@ import tempfile
 import time
 
 from replay.errors import ReplayError
-from replay.recording import verify_recording
+from replay.recording.writing import Unwritable, verify
 from replay.results import read_results
 
 _START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
@@ -73,8 +73,8 @@ def torn_files(folder: pathlib.Path) -> list[str]:
             if file.suffix == ".json":
                 read_results(file)
             elif file.suffix == ".rrd":
-                verify_recording(file)
-        except ReplayError as error:
+                verify(file, [])
+        except (ReplayError, Unwritable) as error:
             wrong.append(str(error))
     return wrong
 
