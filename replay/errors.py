@@ -37,6 +37,10 @@ class ReplayError(Exception):
         return f"{self.message} [{self.code}]"
 
 
+class OutputLost(Exception):
+    """Standard output cannot be written to, as on a full disk; `str()` is one line."""
+
+
 class LogError(ReplayError):
     """A log that cannot be used. The line begins with the file's name."""
 

@@ -335,3 +335,14 @@ def test_audit_finds_what_was_changed_in_a_results_file(run, results, tmp_path):
 
 def test_audit_of_files_of_which_one_cannot_be_read_gives_status_3(run, results):
     assert run("audit", "none.json", results).status == 3
+
+
+@pytest.mark.skipif(not pathlib.Path("/dev/full").exists(), reason="a device of Linux")
+@pytest.mark.parametrize("command", [("info",), ("info", "--json"), ("optimize", "--method", "ddp", "--no-recording")])
+def test_a_full_disk_behind_standard_output_is_one_line_and_status_1(log, tmp_path, command):
+    call = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
+    with pathlib.Path("/dev/full").open("w") as full:
+        arguments = [sys.executable, "-c", call, *command, str(log), "--quiet"]
+        done = subprocess.run(arguments, stdout=full, stderr=subprocess.PIPE, text=True, cwd=tmp_path, timeout=120)
+    assert done.returncode == 1
+    assert done.stderr == "replay: standard output cannot be written: No space left on device\n"

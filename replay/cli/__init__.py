@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from cyclopts import App, CycloptsError, UnknownCommandError
 
 from replay.cli.usage import ExitStatus, unknown
-from replay.errors import ReplayError
+from replay.errors import OutputLost, ReplayError
 from replay.kernels import drop_stale
 
 COMMANDS = {
@@ -46,8 +46,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say("replay: interrupted")
         return ExitStatus.INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as in `replay methods | head -1`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return ExitStatus.OK
+    except OutputLost as error:
+        _drop_output()
+        _say(f"replay: {error}")
+        return ExitStatus.SHORT
     return int(status or ExitStatus.OK)
 
 
@@ -86,6 +90,11 @@ def use_one_thread() -> None:
     """
     for name in _THREAD_VARIABLES:
         os.environ.setdefault(name, "1")
+
+
+def _drop_output() -> None:
+    """Let what is still to be written on standard output go nowhere, also when Python ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _explain(message: str, tokens: list[str]) -> None:

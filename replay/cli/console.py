@@ -3,13 +3,15 @@
 import json
 import sys
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 from rich.console import Console, RenderableType
 
-from replay.errors import printable
+from replay.errors import OutputLost, printable
 
 WIDTH = 100
 """Columns of a table that does not go to a terminal."""
@@ -33,6 +35,17 @@ class Common:
     """More notes, and tracebacks of errors, on standard error."""
 
 
+@contextmanager
+def _writing() -> Iterator[None]:
+    """Turn a failure of standard output into OutputLost; that its reader has gone is another matter."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OutputLost(f"standard output cannot be written: {error.strerror or error}") from error
+
+
 class Voice:
     """Speaks for one command, as loud as its options say."""
 
@@ -50,16 +63,19 @@ class Voice:
     def show(self, *parts: RenderableType) -> None:
         """Data for people, on standard output; nothing in JSON mode."""
         if not self.common.json:
-            for part in parts:
-                is_line = isinstance(part, str)
-                self.data.print(printable(part, LONGEST) if is_line else part, soft_wrap=is_line)
+            with _writing():
+                for part in parts:
+                    is_line = isinstance(part, str)
+                    self.data.print(printable(part, LONGEST) if is_line else part, soft_wrap=is_line)
 
     def document(self, content: dict[str, Any]) -> None:
         """The one JSON document, in JSON mode."""
         if self.common.json:
             # JSON has no infinity (the clearance in an empty scene) and no NaN: null, as in the results file
             content = json.loads(json.dumps(content), parse_constant=lambda _: None)
-            sys.stdout.write(json.dumps(content, indent=1, sort_keys=True) + "\n")
+            with _writing():
+                sys.stdout.write(json.dumps(content, indent=1, sort_keys=True) + "\n")
+                sys.stdout.flush()
 
     def note(self, text: str) -> None:
         """A remark, on standard error unless quiet."""

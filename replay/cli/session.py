@@ -13,7 +13,7 @@ from replay.case import Case
 from replay.cli.console import Voice
 from replay.cli.outputs import Names, Outputs
 from replay.cli.usage import ExitStatus
-from replay.errors import ReplayError
+from replay.errors import OutputLost, ReplayError
 from replay.files import reserved
 from replay.logs import ReadOptions, read_cases
 from replay.progress import Progress
@@ -137,6 +137,8 @@ class Session:
         """A log's failure, whatever it is, is told in one line and noted in its entry; the next log goes on."""
         try:
             yield
+        except (OutputLost, BrokenPipeError):  # nobody would read what the next logs give
+            raise
         except ReplayError as error:
             entry.fell_short |= writing  # an input that cannot be used is another status
             entry.error = str(error)
