@@ -65,7 +65,7 @@ def planner_scene(site: Site, cells: Cells | None) -> Scene:
     return make_scene(cover_cells(cells.blocked, cells.resolution, cells.origin), boundary=ground(site))
 
 
-def build(site: Site, search: Search | None = None) -> Built:
+def build(site: Site, search: Search | None = None, max_seeds: int = MAX_SEEDS) -> Built:
     """Plan the site's path; seeds are tried in order until one gives a path within the site's ranges.
 
     Raises RuntimeError when none does.
@@ -73,7 +73,7 @@ def build(site: Site, search: Search | None = None) -> Built:
     cells = draw_grid(site, site.map) if isinstance(site.map, Grid) else None
     scene, vehicle = planner_scene(site, cells), planner_vehicle(site.vehicle)
     start, goal = (place_flat(flat, site.pose) for flat in (site.start, site.goal))
-    for seed in range(site.seed, site.seed + MAX_SEEDS):
+    for seed in range(site.seed, site.seed + max_seeds):
         found = plan(
             vehicle, scene, start, goal, site.areas, site.pose, margin=site.clearance, seed=seed, search=search
         )
@@ -84,13 +84,13 @@ def build(site: Site, search: Search | None = None) -> Built:
             return Built(
                 site=site,
                 cells=cells,
-                poses=logged_poses(found, site.spacing),
+                poses=_with_noise(logged_poses(found, site.spacing), site),
                 seed=seed,
                 iterations=found.iterations,
                 length=length,
                 num_cusps=num_cusps(found),
             )
-    raise RuntimeError(f"{site.name}: no path with seeds {site.seed} to {site.seed + MAX_SEEDS - 1}")
+    raise RuntimeError(f"{site.name}: no path with seeds {site.seed} to {site.seed + max_seeds - 1}")
 
 
 def num_cusps(found: Found) -> int:
@@ -109,6 +109,16 @@ def logged_poses(found: Found, spacing: float) -> Poses:
         truck.append(states[keep, :3])
         nodes.append(nodes[-1] + len(flat) - 1)
     return Poses(_rounded(truck), _rounded(trailer), nodes)
+
+
+def _with_noise(poses: Poses, site: Site) -> Poses:
+    """The poses as a localisation would have them."""
+    if site.pose_noise == 0.0:
+        return poses
+    rng = np.random.default_rng(site.noise)
+    scale = site.pose_noise * np.array([1.0, 1.0, 0.26])
+    truck, trailer = (each + scale * rng.standard_normal(each.shape) for each in (poses.truck, poses.trailer))
+    return Poses(_rounded([truck]), _rounded([trailer]), poses.nodes)
 
 
 def _rounded(parts: list[Array]) -> Array:

@@ -6,6 +6,7 @@ by the site's pose, so that one and the same kind of yard can lie straight or sl
 
 import math
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -142,6 +143,11 @@ class Site:
     """Poses carry a stamp each; else that of the message."""
     spacing: float = 0.25
     """Poses of the logged path are at most this far apart [m]."""
+    pose_noise: float = 0.0
+    """Standard deviation of what is added to the logged positions [m]; headings get 0.26 rad/m of it."""
+    compression: Literal["zstd", "lz4", "none"] = "zstd"
+    """Of the file's chunks."""
+    is_chunked: bool = True
     cusps: tuple[int, int] = (1, 5)
     """Smallest and largest number of gear changes that the recorded path may have."""
     length: tuple[float, float] = (40.0, 150.0)

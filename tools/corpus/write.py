@@ -40,13 +40,22 @@ _COLOURS = {
 }
 
 
+_COMPRESSION = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+
+
 class _Log:
     """An MCAP writer that knows ROS 2 messages."""
 
-    def __init__(self) -> None:
+    def __init__(self, site: Site) -> None:
         self.stream = io.BytesIO()
         self.store: Typestore = get_typestore(Stores.ROS2_HUMBLE)
-        self.writer = Writer(self.stream, chunk_size=1 << 20, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        self.writer = Writer(
+            self.stream,
+            chunk_size=1 << 20,
+            compression=_COMPRESSION[site.compression],
+            use_chunking=site.is_chunked,
+            enable_data_crcs=True,
+        )
         self.writer.start(profile="ros2", library=LIBRARY)
         self.schemas: dict[str, int] = {}
         self.channels: dict[str, int] = {}
@@ -87,7 +96,7 @@ class _Log:
 
 def to_bytes(built: Built) -> bytes:
     """The log."""
-    log, site = _Log(), built.site
+    log, site = _Log(built.site), built.site
     start = (_FIRST_DAY + 3600 * site.noise) * _NANO
     log.writer.add_metadata("vehicle", vehicle_record(site))
     if site.has_path_nodes:
