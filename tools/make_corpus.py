@@ -1,6 +1,7 @@
-"""Make the sample logs in recordings/, or check that they are what this tool makes.
+"""Make the logs in recordings/, or check that they are what this tool makes.
 
-python tools/make_corpus.py                  all logs and recordings/corpus.toml
+python tools/make_corpus.py                  all logs and the lists, corpus.toml, beside them
+python tools/make_corpus.py --set sample     the sample logs only; full: the others, in recordings/full
 python tools/make_corpus.py --only bay_01    one log and its entry
 python tools/make_corpus.py --check          make them in memory and compare with the list and the files
 """
@@ -15,7 +16,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from replay.kernels import drop_stale
-from tools.corpus.catalogue import SITES, Made, difference, make, read_list, write_list
+from tools.corpus.catalogue import FULL, SITES, Made, difference, make, read_list, write_list
 
 FOLDER = Path(__file__).resolve().parent.parent / "recordings"
 
@@ -24,28 +25,41 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Exit status: 0 all well, 1 a log differs from the list."""
     options = _parser().parse_args(arguments)
     drop_stale()
-    names = options.only or list(SITES)
-    listed = read_list(options.folder)
-    begin, differences = time.perf_counter(), 0
+    begin, differences, count = time.perf_counter(), 0, 0
+    for folder, names in ((options.folder, SITES), (options.folder / "full", FULL)):
+        chosen = [name for name in names if name in options.only] if options.only else list(names)
+        if not chosen or (options.set == "sample" and names is FULL) or (options.set == "full" and names is SITES):
+            continue
+        differences += _make_folder(folder, chosen, options)
+        count += len(chosen)
+    print(f"{count} logs in {time.perf_counter() - begin:.0f} s, {differences} differences")
+    return 1 if differences else 0
+
+
+def _make_folder(folder: Path, names: Sequence[str], options: argparse.Namespace) -> int:
+    """Make or check logs of one folder; how many differ from its list."""
+    listed, differences = read_list(folder), 0
     for made in _make_all(names, options.jobs):
         entry = made.entry
         figures = f"{entry['length_m']:6.1f} m  {entry['cusps']} cusps  {len(made.data) / 1000:5.1f} kB"
         problem = None
         if options.check:
-            problem = difference(made, listed.get(made.name)) or _file_problem(options.folder, made)
+            problem = difference(made, listed.get(made.name)) or _file_problem(folder, made)
             differences += problem is not None
         else:
-            (options.folder / f"{made.name}.mcap").write_bytes(made.data)
+            folder.mkdir(exist_ok=True)
+            (folder / f"{made.name}.mcap").write_bytes(made.data)
             listed[made.name] = entry
-            write_list(options.folder, listed)
-        print(f"{made.name:12} {figures}  {problem or ''}".rstrip(), flush=True)
-    print(f"{len(names)} logs in {time.perf_counter() - begin:.0f} s, {differences} differences")
-    return 1 if differences else 0
+            write_list(folder, listed)
+        print(f"{made.name:15} {figures}  {problem or ''}".rstrip(), flush=True)
+    return differences
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--only", action="append", choices=list(SITES), metavar="NAME", help="one log; may be repeated")
+    every = [*SITES, *FULL]
+    parser.add_argument("--only", action="append", choices=every, metavar="NAME", help="one log; may be repeated")
+    parser.add_argument("--set", choices=("sample", "full"), help="one of the two sets (default: both)")
     parser.add_argument("--check", action="store_true", help="write nothing; compare")
     parser.add_argument("--folder", type=Path, default=FOLDER, help="where the logs are (default: %(default)s)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from optim.vehicle import Vehicle
-from tools.corpus import lots, yards
+from tools.corpus import families, lots, odd, yards
 from tools.corpus.build import Built, build
 from tools.corpus.site import Grid, Site
 from tools.corpus.write import content_digest, to_bytes
@@ -36,6 +36,11 @@ SITES: Final[Mapping[str, Callable[[], Site]]] = MappingProxyType(
 )
 """All sites by the names of their logs."""
 
+NUMBERS: Final = {kind: range(1, 10) for kind in families.CLASSES}
+"""Numbers of the drawn sites of each class."""
+FULL: Final = (*(f"{kind}_{n:02d}" for kind, numbers in NUMBERS.items() for n in numbers), *odd.ODD)
+"""Names of the logs of the full corpus, beside the sample logs."""
+
 LIST_NAME = "corpus.toml"
 _SCHEMA = "replay.corpus/1"
 _HEAD = f"""\
@@ -58,8 +63,18 @@ class Made:
 
 
 def make(name: str) -> Made:
-    """Plan and write one log of the corpus."""
-    return make_log(SITES[name]())
+    """Plan and write one log, of the samples or of the full corpus."""
+    if name in SITES:
+        return make_log(SITES[name]())
+    if name in odd.ODD:
+        built, data = odd.make_odd(name)
+        kind = odd.ODD[name]
+        entry = _entry(built, data) | {"title": kind.title, "expect": kind.expect, "lost": kind.lost}
+        return Made(name=name, data=data, entry=entry)
+    kind, _, number = name.rpartition("_")
+    built = families.build_drawn(kind, int(number))
+    data = to_bytes(built)
+    return Made(name=name, data=data, entry=_entry(built, data))
 
 
 def make_log(site: Site) -> Made:
@@ -71,14 +86,16 @@ def make_log(site: Site) -> Made:
 
 def _entry(built: Built, data: bytes) -> Entry:
     site = built.site
+    is_whole = data.endswith(b"\x89MCAP0\r\n")
     return {
         "sha256": hashlib.sha256(data).hexdigest(),
-        "content": content_digest(data),
-        "class": site.name.rpartition("_")[0],
+        "content": content_digest(data) if is_whole else hashlib.sha256(data).hexdigest(),
+        "class": site.name.partition("_")[0] if site.name in odd.ODD else site.name.rpartition("_")[0],
+        "expect": "improved",
         "title": site.title,
         "special": site.special,
         "map": "grid" if isinstance(site.map, Grid) else "shapes",
-        "vehicle": "default" if site.vehicle == Vehicle() else "own",
+        "vehicle": families.vehicle_name(site.vehicle) if site.name in FULL else _default_or_own(site),
         "seed": built.seed,
         "poses": len(built.poses.truck),
         "edges": len(built.poses.nodes) - 1,
@@ -87,6 +104,10 @@ def _entry(built: Built, data: bytes) -> Entry:
         "trailer_path": site.has_trailer_path,
         "path_nodes": site.has_path_nodes,
     }
+
+
+def _default_or_own(site: Site) -> str:
+    return "default" if site.vehicle == Vehicle() else "own"
 
 
 def read_list(folder: Path) -> dict[str, Entry]:
@@ -101,9 +122,9 @@ def read_list(folder: Path) -> dict[str, Entry]:
 
 
 def write_list(folder: Path, entries: Mapping[str, Entry]) -> None:
-    """Write the list, in the order of SITES."""
+    """Write the list, in the order in which logs are named here."""
     blocks = [_HEAD]
-    for name in SITES:
+    for name in (*SITES, *FULL):
         if name in entries:
             rows = [f"{key} = {json.dumps(value)}" for key, value in entries[name].items()]
             blocks.append("\n".join([f"[logs.{name}]", *rows]) + "\n")

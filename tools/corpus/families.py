@@ -17,7 +17,9 @@ import numpy as np
 from optim.scene import clearance, make_scene
 from optim.steering.flat import Flat
 from optim.vehicle import Vehicle, state_from_flat
+from tools.corpus.build import Built, build
 from tools.corpus.lots import CITY, LONG
+from tools.corpus.rrt import Search
 from tools.corpus.site import Area, Box, Grid, Obstacle, Shapes, Site, Wall, footprints, ground, place_flat
 from tools.corpus.yards import backed_up, parked_trailer
 
@@ -38,6 +40,12 @@ VEHICLES: Final = {"default": Vehicle(), "source": SOURCE, "tractor": TRACTOR, "
 _TURNS: Final = ("default", "default", "source", "tractor", "default", "city", "source", "default")
 _FREE = 0.6  # [m]: clearance of start and goal
 _UP = math.pi / 2
+_SEARCH = Search(max_iterations=1000)
+
+
+def vehicle_name(vehicle: Vehicle) -> str:
+    """The name of a vehicle of the drawn sites."""
+    return next(name for name, known in VEHICLES.items() if known == vehicle)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -60,7 +68,9 @@ def open_ground(draw: Draw) -> Site:
         obstacles=tuple(boxes),
         bounds=(-42.0 * k, -34.0 * k, 42.0 * k, 34.0 * k),
         start=Flat(-24.0 * k, float(rng.uniform(-14.0, 14.0)), float(rng.uniform(-0.8, 0.8)), 0.0),
-        goal=Flat(float(rng.uniform(4.0, 20.0)) * k, float(rng.uniform(-16.0, 16.0)), float(rng.uniform(-3.1, 3.1)), 0.0),
+        goal=Flat(
+            float(rng.uniform(4.0, 20.0)) * k, float(rng.uniform(-16.0, 16.0)), float(rng.uniform(-3.1, 3.1)), 0.0
+        ),
         areas=(Area(box=(-34.0 * k, -26.0 * k, 34.0 * k, 26.0 * k)),),
         cusps=(0, 4),
         length=(30.0, 150.0 * k),
@@ -142,7 +152,9 @@ def cluttered_lot(draw: Draw) -> Site:
         obstacles=tuple(obstacles),
         bounds=(-40.2 * k, -28.2 * k, 40.2 * k, 28.2 * k),
         start=Flat(-22.0 * k, float(rng.uniform(-14.0, 14.0)), float(rng.uniform(-0.5, 0.5)), 0.0),
-        goal=Flat(float(rng.uniform(6.0, 22.0)) * k, float(rng.uniform(-15.0, 15.0)), float(rng.uniform(-3.1, 3.1)), 0.0),
+        goal=Flat(
+            float(rng.uniform(6.0, 22.0)) * k, float(rng.uniform(-15.0, 15.0)), float(rng.uniform(-3.1, 3.1)), 0.0
+        ),
         areas=(Area(box=(-32.0 * k, -22.0 * k, 32.0 * k, 22.0 * k)),),
         cusps=(0, 5),
         length=(30.0, 170.0 * k),
@@ -159,7 +171,7 @@ def cluttered_lot(draw: Draw) -> Site:
 def turning_round(draw: Draw) -> Site:
     """Turning round in a yard that is little longer than the vehicle: many gear changes."""
     rng, k = draw.rng, draw.scale
-    half_x, half_y = float(rng.uniform(19.0, 23.0)) * k, float(rng.uniform(13.0, 16.0)) * k
+    half_x, half_y = float(rng.uniform(26.0, 30.0)) * k, float(rng.uniform(17.0, 20.0)) * k
     corners = ((-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y))
     obstacles: list[Obstacle] = [Wall(points=corners, width=0.4, kind="wall")]
     obstacles += _boxes(rng, 2, (-half_x, half_y - 3.5, half_x, half_y - 0.5), (2.0, 5.0))
@@ -168,7 +180,7 @@ def turning_round(draw: Draw) -> Site:
         obstacles=tuple(obstacles),
         bounds=(-half_x - 0.2, -half_y - 0.2, half_x + 0.2, half_y + 0.2),
         start=Flat(float(rng.uniform(-6.0, -2.0)) * k, -0.45 * half_y, 0.0, 0.0),
-        goal=Flat(float(rng.uniform(2.0, 6.0)) * k, float(rng.uniform(-0.2, 0.2)) * half_y, math.pi, 0.0),
+        goal=Flat(float(rng.uniform(2.0, 6.0)) * k, float(rng.uniform(-0.2, 0.2)) * half_y, rng.uniform(1.2, 2.6), 0.0),
         areas=(Area(box=(-0.8 * half_x, -0.8 * half_y, 0.8 * half_x, 0.8 * half_y)),),
         cusps=(3, 9),
         length=(40.0, 220.0 * k),
@@ -188,6 +200,22 @@ CLASSES: Final[Mapping[str, Callable[[Draw], Site]]] = MappingProxyType(
 """Scene classes; a class's sites are NAME_01, NAME_02, ..."""
 
 
+MOST_VARIANTS, SEEDS_EACH = 15, 6
+
+
+def build_drawn(kind: str, number: int) -> Built:
+    """The first variant of a site for which the planner finds a path. Raises RuntimeError where there is none."""
+    for variant in range(MOST_VARIANTS):
+        site = draw_site(kind, number, variant)
+        if site is None:
+            continue
+        try:
+            return build(site, _SEARCH, SEEDS_EACH)
+        except RuntimeError:
+            continue
+    raise RuntimeError(f"{kind}_{number:02d}: no path in {MOST_VARIANTS} variants")
+
+
 def draw_site(kind: str, number: int, variant: int) -> Site | None:
     """A site of a class; None where start or goal are not free."""
     vehicle = VEHICLES[_TURNS[number % len(_TURNS)]]
@@ -201,7 +229,7 @@ def draw_site(kind: str, number: int, variant: int) -> Site | None:
 def _named(kind: str, title: str, draw: Draw) -> dict:
     """The fields of a site that take turns."""
     n = draw.number
-    compression: Literal["zstd", "lz4", "none"] = ("zstd", "lz4", "zstd", "none")[n % 4]
+    compression: Literal["zstd", "lz4", "none"] = ("zstd", "lz4", "none", "zstd")[n % 4]
     is_noisy = n % 8 == 5
     return {
         "name": f"{kind}_{n:02d}",
@@ -209,20 +237,26 @@ def _named(kind: str, title: str, draw: Draw) -> dict:
         "special": "2 cm of noise on the poses, every 0.5 m" if is_noisy else "",
         "map": Grid(resolution=0.2, speckles=6) if n % 2 else Shapes(),
         "vehicle": draw.vehicle,
-        "pose": (float(draw.rng.integers(-90, 90)), float(draw.rng.integers(-90, 90)), round(draw.rng.uniform(-3, 3), 2)),
+        "pose": (
+            float(draw.rng.integers(-90, 90)),
+            float(draw.rng.integers(-90, 90)),
+            round(draw.rng.uniform(-3, 3), 2),
+        ),
         "has_trailer_path": n % 3 != 1 or is_noisy,
         "has_path_nodes": n % 5 != 2 and not is_noisy,
         "has_stamps": n % 4 == 1,
         "spacing": 0.5 if is_noisy else 0.3,
         "pose_noise": 0.02 if is_noisy else 0.0,
         "compression": compression,
-        "is_chunked": n % 6 != 3,
+        "is_chunked": n % 6 != 4,
         "seed": 1000 * n,
         "noise": 400 + n,
     }
 
 
-def _boxes(rng: np.random.Generator, count: int, area: tuple[float, float, float, float], size: tuple[float, float]) -> list[Box]:
+def _boxes(
+    rng: np.random.Generator, count: int, area: tuple[float, float, float, float], size: tuple[float, float]
+) -> list[Box]:
     """Boxes at random in a rectangle."""
     kinds = ("container", "car", "pallets", "skip")
     return [

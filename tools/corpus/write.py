@@ -11,6 +11,7 @@ import io
 import itertools
 import json
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -94,22 +95,25 @@ class _Log:
         return self.make("geometry_msgs/msg/Pose", position=self.point(x, y, z), orientation=turn)
 
 
-def to_bytes(built: Built) -> bytes:
-    """The log."""
+def to_bytes(built: Built, *, without: Sequence[str] = (), vehicle_changes: Mapping[str, str] | None = None) -> bytes:
+    """The log; `without` some of map, plan, trailer, and with other values in the vehicle's record, for broken logs."""
     log, site = _Log(built.site), built.site
     start = (_FIRST_DAY + 3600 * site.noise) * _NANO
-    log.writer.add_metadata("vehicle", vehicle_record(site))
+    log.writer.add_metadata("vehicle", vehicle_record(site) | dict(vehicle_changes or {}))
     if site.has_path_nodes:
         log.writer.add_metadata("path_nodes", {"indices": json.dumps(built.poses.nodes)})
-    if built.cells is not None:
+    if "map" in without:
+        pass
+    elif built.cells is not None:
         log.add("/map", _grid(log, built.cells, start), start)
     else:
         for k, markers in enumerate(_marker_messages(log, site, start)):
             log.add("/obstacles", markers, start + k * _NANO)
     planned = start + 3 * _NANO + 217_000_000
     since = _drive_times(built)
-    log.add("/plan", _path(log, built.poses.truck, since, planned), planned)
-    if site.has_trailer_path:
+    if "plan" not in without:
+        log.add("/plan", _path(log, built.poses.truck, since, planned), planned)
+    if site.has_trailer_path and "trailer" not in without:
         log.add("/plan/trailer", _path(log, built.poses.trailer, since, planned), planned + 1_000_000)
     log.writer.finish()
     return log.stream.getvalue()
