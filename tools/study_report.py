@@ -57,11 +57,11 @@ def _head(rows: Rows, head: dict[str, Any]) -> str:
     some = sum(any(rows.by[log, method]["status"] == "improved" for method in METHODS) for log in rows.logs)
     return f"""# What the methods make of the corpus
 
-Written by `tools/study.py`; every figure is of one run, at commit {head["commit"]}, on {head["machine"]}, {versions};
-{head["jobs"]} logs at a time, each method on one thread and at most {head["time_limit"]:g} s.
-{len(rows.logs)} logs, {feasible} with a recorded path that passes the audit's feasibility part, {len(rows.unreadable)} not readable. On
-{some} of {len(rows.logs)} ({100.0 * some / len(rows.logs):.1f} %) at least one of the five methods ends `improved`, which means: a
-lower J, and the audit passed. A path that is not improved counts with the recorded path's figures.
+Written by `tools/study.py`; every figure is of one run, at commit {head["commit"]}, on {head["machine"]},
+{versions}; {head["jobs"]} logs at a time, each method on one thread and at most {head["time_limit"]:g} s.
+{len(rows.logs)} logs, {feasible} with a recorded path that is feasible by the audit, {len(rows.unreadable)} not readable. On
+{some} of {len(rows.logs)} ({100.0 * some / len(rows.logs):.1f} %) at least one of the five methods ends `improved`:
+a lower J, and the audit passed. A path that is not improved counts with the recorded path's figures.
 
 ![Performance profiles](study_profiles.svg)
 

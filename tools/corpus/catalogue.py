@@ -36,8 +36,9 @@ SITES: Final[Mapping[str, Callable[[], Site]]] = MappingProxyType(
 )
 """All sites by the names of their logs."""
 
-NUMBERS: Final = {kind: range(1, 10) for kind in families.CLASSES}
-"""Numbers of the drawn sites of each class."""
+_WITHOUT_PATH: Final = {"reverse": (5, 7), "narrow": (3, 5, 7)}
+NUMBERS: Final = {kind: [n for n in range(1, 10) if n not in _WITHOUT_PATH.get(kind, ())] for kind in families.CLASSES}
+"""Numbers of the drawn sites of each class; the planner finds no path on those that are left out."""
 FULL: Final = (*(f"{kind}_{n:02d}" for kind, numbers in NUMBERS.items() for n in numbers), *odd.ODD)
 """Names of the logs of the full corpus, beside the sample logs."""
 

@@ -106,7 +106,7 @@ ODD: Final[Mapping[str, Odd]] = MappingProxyType(
         "odd_jump": Odd(title="a path that jumps by 5 m", expect="E_PATH_DISCONTINUOUS", write=_moved(_with_a_jump)),
         "odd_blocked": Odd(title="start inside an obstacle", expect="E_START_COLLISION", write=_start_blocked),
         "odd_vehicle": Odd(title="a negative wheelbase", expect="E_VEHICLE", write=_negative_wheelbase),
-        "odd_cut": Odd(title="cut off before the path", expect="E_NO_PATH", write=_cut(0.4)),
+        "odd_cut": Odd(title="cut off in its only chunk", expect="E_TRUNCATED", write=_cut(0.4)),
         "odd_tail": Odd(title="cut off in its index", expect="improved", write=_cut(0.97)),
         "odd_straight": Odd(title="a straight drive", expect="kept", write=_straight),
     }
