@@ -1,6 +1,6 @@
 # Everything runs in .venv, which is made by the first target that needs it.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format bench corpus screenshot clean
+.PHONY: help setup demo test check format bench corpus study screenshot clean
 .DELETE_ON_ERROR:
 
 ENV := .venv
@@ -56,6 +56,9 @@ bench: $(MADE)  ## measure speed and quality
 
 corpus: $(MADE)  ## make the recorded logs in recordings/ again
 	$(BIN)/python tools/make_corpus.py
+
+study: $(MADE)  ## run all methods over the full corpus and write recordings/STUDY.md
+	$(BIN)/python tools/study.py
 
 screenshot: demo  ## make docs/overview.png from the demo's recording (needs a Vulkan driver)
 	$(BIN)/python tools/screenshot.py out/bay_01.rrd docs --tab Overview --timeline progress --at 600

@@ -13,13 +13,17 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from optim.audit import audit_recorded
+from optim.methods.ddp import Ddp
 from optim.scene import collides, first_violation, make_scene
 from optim.steering.flat import Flat
 from optim.vehicle import Vehicle, state_from_flat
+from replay.errors import LogError
 from replay.logs import read_cases
 from replay.results import path_to_document, scene_to_document
-from tools.corpus.catalogue import SITES, Made, difference, make_log, read_list, write_list
+from replay.run import run_case
+from tools.corpus.catalogue import FULL, SITES, Made, difference, make, make_log, read_list, write_list
 from tools.corpus.grid import draw_grid
+from tools.corpus.odd import ODD
 from tools.corpus.rrt import Found, Search, plan, ramp_ends
 from tools.corpus.site import Area, Box, Grid, Site, Wall, footprints
 from tools.corpus.write import content_digest
@@ -79,6 +83,47 @@ def test_an_independent_reader_understands_the_messages(name: str) -> None:
         assert len(messages["/map"].data) == info.width * info.height
     else:
         assert len(messages["/obstacles"].markers) == len(SITES[name]().obstacles)
+
+
+FULL_LISTED = read_list(FOLDER / "full")
+
+
+def test_the_full_corpus_holds_the_listed_logs_and_no_others() -> None:
+    assert set(FULL_LISTED) == set(FULL) == {path.stem for path in (FOLDER / "full").glob("*.mcap")}
+    for name, entry in FULL_LISTED.items():
+        data = (FOLDER / "full" / f"{name}.mcap").read_bytes()
+        assert hashlib.sha256(data).hexdigest() == entry["sha256"], f"{name}.mcap has been changed"
+        assert len(data) <= 100_000
+
+
+def test_the_full_corpus_has_classes_vehicles_and_kinds_of_map() -> None:
+    entries = [*LISTED.values(), *FULL_LISTED.values()]
+    assert len(entries) >= 60
+    kinds = {"open", "constrained", "narrow", "cluttered", "reverse", "cusps"}
+    assert all(sum(entry["class"] == kind for entry in entries) >= 6 for kind in kinds)
+    assert {entry["vehicle"] for entry in FULL_LISTED.values()} >= {"default", "source", "tractor", "city"}
+    assert all(entry["cusps"] >= 3 for entry in entries if entry["class"] == "cusps")
+    assert {entry["map"] for entry in FULL_LISTED.values()} == {"grid", "shapes"}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_an_odd_log_ends_as_its_entry_says(name: str) -> None:
+    expect, path = FULL_LISTED[name]["expect"], FOLDER / "full" / f"{name}.mcap"
+    assert expect == ODD[name].expect
+    if expect.startswith("E_"):
+        with pytest.raises(LogError) as caught:
+            read_cases(path)
+        assert caught.value.code == expect
+        return
+    (case,) = read_cases(path)
+    (run,) = run_case(case, {"ddp": Ddp()}).methods
+    assert run.status == expect
+    assert case.read.notes if name == "odd_tail" else not case.read.lost
+
+
+@pytest.mark.parametrize("name", ["constrained_04", "open_04"])
+def test_a_drawn_log_made_again_has_the_same_bytes(name: str) -> None:
+    assert difference(make(name), FULL_LISTED[name]) is None
 
 
 SMALL = Site(

@@ -59,7 +59,7 @@ def _head(rows: Rows, head: dict[str, Any]) -> str:
 
 Written by `tools/study.py`; every figure is of one run, at commit {head["commit"]}, on {head["machine"]},
 {versions}; {head["jobs"]} logs at a time, each method on one thread and at most {head["time_limit"]:g} s.
-{len(rows.logs)} logs, {feasible} with a recorded path that is feasible by the audit, {len(rows.unreadable)} not readable. On
+{len(rows.logs)} logs, {feasible} with a recorded path that is feasible by the audit, {len(rows.unreadable)} unread. On
 {some} of {len(rows.logs)} ({100.0 * some / len(rows.logs):.1f} %) at least one of the five methods ends `improved`:
 a lower J, and the audit passed. A path that is not improved counts with the recorded path's figures.
 

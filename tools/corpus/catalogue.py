@@ -70,7 +70,7 @@ def make(name: str) -> Made:
     if name in odd.ODD:
         built, data = odd.make_odd(name)
         kind = odd.ODD[name]
-        entry = _entry(built, data) | {"title": kind.title, "expect": kind.expect, "lost": kind.lost}
+        entry = _entry(built, data) | {"title": kind.title, "expect": kind.expect}
         return Made(name=name, data=data, entry=entry)
     kind, _, number = name.rpartition("_")
     built = families.build_drawn(kind, int(number))

@@ -38,8 +38,6 @@ class Odd:
     expect: str
     """improved, kept, or the code of the error."""
     write: Callable[[Built], bytes]
-    lost: bool = False
-    """Part of it cannot be read, and the reader says so."""
 
 
 def _without(*parts: str) -> Callable[[Built], bytes]:
