@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from optim.arrays import frozen
 from optim.steering.flat import Flat, effort, limits, load, ramp_load, shortest_ramp
 from optim.steering.pieces import pieces_of, sample_turns
-from optim.steering.sharpest import peak_curvature, ramp_end, turn_end
+from optim.steering.sharpest import ROWS, peak_curvature, ramp_end, sharpest_turns, turn_end
 from optim.steering.turns import plan_turns
 from optim.vehicle import Vehicle, flat_from_state, state_from_flat
 
@@ -259,3 +259,21 @@ def test_the_flat_state_is_that_of_the_vehicle():
 def test_a_hitch_that_is_not_over_the_axle_is_refused():
     with pytest.raises(ValueError, match="hitch_offset"):
         limits(Vehicle(hitch_offset=0.5))
+
+
+def test_a_curvature_that_no_ramp_can_take_on_that_side_has_no_turns_there() -> None:
+    """The curvature at the goal is 1 % below the limit, and its sharpness leads beyond it: no ramp is short enough.
+
+    The tables once began at minus infinity then, and were read far outside.
+    """
+    start = frozen((0.00018040314495609835, 0.0))
+    goal = frozen(
+        (13.424578873623112, -4.140585429093845, -1.1459728282601378, -0.1926573926027884, 0.007296496291732908)
+    )
+    lim = (3.6, 8.0, 0.1946759655818628, 0.6131052132881357, 0.5, 0.19428661365069905)
+    table = np.empty((4 * ROWS, 4))
+    sided = (lim[0], -lim[1], *lim[2:])
+    sharpest_turns(-goal[3], goal[4], 0, sided, 14.793067762069319, table)
+    assert (table[: 2 * ROWS, 0] > -10.0).all()
+    for row in plan_turns(start, goal, lim, 14.793067762069319):
+        assert 0.0 < row[0] <= 14.793067762069319

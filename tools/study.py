@@ -31,7 +31,7 @@ from replay.errors import ReplayError  # noqa: E402
 from replay.kernels import drop_stale  # noqa: E402
 from replay.logs import read_cases  # noqa: E402
 from replay.run import run_case  # noqa: E402
-from replay.solving import solve  # noqa: E402
+from replay.worker import Limits, Worker  # noqa: E402
 from tools.corpus.catalogue import FULL, SITES, read_list  # noqa: E402
 from tools.study_report import report  # noqa: E402
 
@@ -90,9 +90,8 @@ def _measure(name: str, path: pathlib.Path, time_limit: float) -> list[Row]:
         case = read_cases(path)[0]
     except ReplayError as error:
         return [{"log": name, "method": "recorded", "status": "unreadable", "reason": str(error)}]
-    run = run_case(
-        case, variants(), solve=lambda problem, method, told: solve(problem, method, told, time_limit=time_limit)
-    )
+    with Worker(Limits(time_s=time_limit, memory_mib=4096)) as worker:
+        run = run_case(case, variants(), solve=worker)
     recorded = {"log": name, "method": "recorded", "status": "recorded", "feasible": run.recorded_audit["passed"]}
     rows = [recorded | {"metrics": run.recorded_metrics}]
     for each in run.methods:

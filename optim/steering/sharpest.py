@@ -88,7 +88,7 @@ def sharpest_turns(k0, s0, first, lim, max_length, table):
             if i < 0:  # slower unwinding of k0 turns less far to this side
                 l1 *= 1.4
             reach = side * (0.5 * l1 * (k0 + kp) + s0 * l1 * l1 / 12.0 + 0.5 * l2 * kp)
-            if reach < np.inf and (n == row or reach > table[n - 1, 0]) and side * kp <= lim[5]:
+            if abs(reach) < np.inf and (n == row or reach > table[n - 1, 0]) and side * kp <= lim[5]:
                 table[n, 0], table[n, 1], table[n, 2], table[n, 3] = reach, l1, 0.0, l2
                 n += 1
                 least, held = min(least, l1 + l2), abs(kp)
