@@ -1,0 +1,146 @@
+"""Corners of the reader that real logs reach seldom: odd records, odd definitions, paths that are nearly none."""
+
+import struct
+from collections.abc import Callable
+
+import logs_maker as make
+import numpy as np
+import pytest
+from mcap_bytes import DEFINITIONS, FOOTER, HEADER, channel, chunk, codes, container, message, record, schema, text
+
+from replay.case import Case
+from replay.errors import LogError
+from replay.logs.layout import LayoutError, matching_layout
+from replay.logs.records import Limits, Log
+from replay.logs.ros2 import FAMILIES
+
+Scanned = Callable[..., Log]
+Read = Callable[..., list[Case]]
+Refusal = Callable[..., LogError]
+TRUCK, AXLE = make.drive()
+ONE = DEFINITIONS + message(data=b"a")
+
+
+def metadata(name: str, *pairs: tuple[str, str]) -> bytes:
+    inner = b"".join(text(key) + text(value) for key, value in pairs)
+    return record(12, text(name) + struct.pack("<I", len(inner)) + inner)
+
+
+# ---- records
+
+
+@pytest.mark.parametrize(
+    ("records", "code", "messages"),
+    [
+        ((ONE, FOOTER, message(data=b"b")), "W_EARLY_FOOTER", 0),
+        ((chunk(ONE), bytes(40)), "W_CORRUPT_RECORD", 1),
+        ((chunk(ONE), record(0, b"odd")), "W_CORRUPT_RECORD", 1),
+        ((HEADER, chunk(ONE)), "W_DUPLICATE_HEADER", 1),
+        ((chunk(ONE), metadata("vehicle", ("a", "1"), ("a", "2"))), "W_METADATA", 1),
+        ((chunk(ONE), record(3, struct.pack("<H", 0) + text("a") + text("b") + text(b""))), "W_CORRUPT_RECORD", 1),
+    ],
+)
+def test_odd_records_are_reported_and_cost_no_more_than_what_follows_them(
+    scanned: Scanned, records: tuple[bytes, ...], code: str, messages: int
+) -> None:
+    log = scanned(container(*records))
+    assert code in codes(log)
+    assert len(log.messages) == messages
+
+
+def test_a_log_whose_header_is_missing_or_late_is_read(scanned: Scanned) -> None:
+    log = scanned(container(chunk(ONE), HEADER, header=b""))
+    assert "W_NO_HEADER" in codes(log)
+    assert [each.data for each in log.messages] == [b"a"]
+
+
+def test_a_damaged_footer_is_reported(scanned: Scanned) -> None:
+    data = container(chunk(ONE))
+    cut = data[: -len(FOOTER) - 8] + record(2, b"short") + data[-8:]
+    assert "W_CORRUPT_RECORD" in codes(scanned(cut))
+
+
+def test_a_topic_that_is_defined_where_the_checksum_is_wrong_is_dropped(scanned: Scanned) -> None:
+    log = scanned(container(DEFINITIONS, chunk(message(data=b"a")), data_crc=1))
+    assert not log.messages
+    assert "W_UNVERIFIED" in codes(log)
+    assert log.lost
+
+
+def test_more_channels_than_the_limit_are_an_error(scanned: Scanned) -> None:
+    many = b"".join(channel(number) for number in range(1, 5))
+    with pytest.raises(LogError) as caught:
+        scanned(container(chunk(schema() + many)), Limits(channels=3))
+    assert caught.value.code == "E_TOO_MANY_CHANNELS"
+
+
+# ---- definitions
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda text: text.split("=" * 80)[0], "is not defined"),
+        (lambda text: text.replace("float32 resolution", "float64 resolution"), "expected 'float32 resolution'"),
+        (lambda text: text + "int32 more\n", "more"),
+    ],
+)
+def test_a_definition_that_is_not_the_standard_one_is_told_by_its_first_difference(change, says: str) -> None:
+    standard = FAMILIES["nav_msgs/msg/OccupancyGrid"].standards[0]
+    with pytest.raises(LayoutError, match=says):
+        matching_layout("nav_msgs/msg/OccupancyGrid", change(standard).encode(), (standard,))
+
+
+# ---- paths
+
+
+def test_of_fewer_trailer_paths_than_truck_paths_the_one_with_the_same_stamp_belongs(read: Read) -> None:
+    log = make.LogMaker().vehicle().add("/map", make.grid(make.yard()), 1)
+    log.add("/truck", make.path(TRUCK), 2).add("/truck", make.path(make.shifted(TRUCK, 1.0)), 5)
+    log.add("/trailer", make.path(AXLE), 2)
+    cases = read(log, path_topic="/truck", trailer_topic="/trailer")
+    assert cases[0].read.hitch == "trailer path"
+
+
+def test_node_indices_of_a_log_with_several_paths_are_not_used(read: Read) -> None:
+    log = make.LogMaker().vehicle().nodes("[0, 5]").add("/map", make.grid(make.yard()), 1)
+    log.add("/truck", make.path(TRUCK), 2).add("/truck", make.path(make.shifted(TRUCK, 1.0)), 5)
+    cases = read(log)
+    assert all(case.problem.nodes is None for case in cases)
+    assert any("several paths" in note for note in cases[0].read.notes)
+
+
+def test_white_noise_that_no_truck_can_follow_is_refused_with_the_amount(refusal: Refusal) -> None:
+    noise = np.random.default_rng(1).normal(0.0, 0.12, TRUCK.shape) * (1.0, 1.0, 0.3)
+    error = refusal(make.log_of(TRUCK + noise))
+    assert error.code in ("E_KINEMATICS", "E_PATH_HEADING")
+
+
+def test_a_trailer_of_one_pose_is_refused(refusal: Refusal) -> None:
+    error = refusal(make.log_of(TRUCK, AXLE[:1]), path_topic="/truck", trailer_topic="/trailer")
+    assert error.code in ("E_PATH_PAIR", "E_PATH_SHORT", "E_PATH_EMPTY")
+
+
+def test_too_many_path_topics_ask_for_a_choice(refusal: Refusal) -> None:
+    log = make.LogMaker().vehicle().add("/map", make.grid(make.yard()), 1)
+    for number in range(12):
+        log.add(f"/plan{number}", make.path(make.shifted(TRUCK, 0.1 * number)), 2)
+    error = refusal(log)
+    assert error.code == "E_AMBIGUOUS"
+    assert "--path-topic" in str(error)
+
+
+def test_the_only_path_cannot_be_the_trailers(refusal: Refusal) -> None:
+    error = refusal(make.log_of(TRUCK), trailer_topic="/truck")
+    assert error.code == "E_AMBIGUOUS"
+    assert "the only path" in str(error)
+
+
+# ---- maps
+
+
+def test_markers_in_several_frames_are_refused(refusal: Refusal) -> None:
+    box = (2.0, 2.0, 2.0)
+    one, two = make.marker(1, box, (40.0, 30.0, 0.0), id=1), make.marker(1, box, (44.0, 30.0, 0.0), id=2, frame="odom")
+    log = make.LogMaker().vehicle().add("/obstacles", make.markers(one, two), 1).add("/truck", make.path(TRUCK), 2)
+    assert refusal(log).code == "E_FRAME"
