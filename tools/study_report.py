@@ -58,7 +58,8 @@ def _head(rows: Rows, head: dict[str, Any]) -> str:
     return f"""# What the methods make of the corpus
 
 Written by `tools/study.py`; every figure is of one run, at commit {head["commit"]}, on {head["machine"]},
-{versions}; {head["jobs"]} logs at a time, each method on one thread and at most {head["time_limit"]:g} s.
+{versions};
+{head["jobs"]} logs at a time, each method on one thread and at most {head["time_limit"]:g} s.
 {len(rows.logs)} logs, {feasible} with a recorded path that is feasible by the audit, {len(rows.unreadable)} unread. On
 {some} of {len(rows.logs)} ({100.0 * some / len(rows.logs):.1f} %) at least one of the five methods ends `improved`:
 a lower J, and the audit passed. A path that is not improved counts with the recorded path's figures.
@@ -229,7 +230,7 @@ The number of gear changes after `cpo` differs from the recorded one on {len(mov
 which moves them and leaves needless ones out, ends with fewer on {len(fewer)}. Where it keeps their number
 ({len(same)} logs) J of `cpo` is {rows.ratio(same, "cpo", "ddp"):.3f} times that of `ddp`; where it has fewer,
 {rows.ratio(fewer, "cpo", "ddp") if fewer else math.nan:.3f} times.
-Verdict: **supported**, and the cost is of that size."""
+Verdict: **{"not supported" if moved else "supported, and the cost is of that size"}.**"""
 
 
 def _ladder(rows: Rows) -> str:
@@ -243,6 +244,8 @@ def _ladder(rows: Rows) -> str:
         for before, now in zip(order, METHODS, strict=False)
     ]
     return f"""### (e) What each method gains over the one before
+
+Each begins with the recorded path; only their results are compared.
 
 {_table(("step", "J less by (geometric mean)", "lower J on"), lines)}"""
 
