@@ -16,6 +16,7 @@ from replay.errors import ReplayError
 
 WRITE_ERROR = "E_WRITE"
 BUSY_ERROR = "E_BUSY"
+_TEMPORARY, _RUN = "tmp", "run"
 
 
 @contextlib.contextmanager
@@ -28,7 +29,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[pathlib.Path]:
     target = pathlib.Path(path)
     if target.name in ("", "..") or "\0" in str(target):
         raise ReplayError(WRITE_ERROR, f"{target} cannot be a file's name")
-    temporary = _temporary(target)
+    temporary = _beside(target, os.getpid(), _TEMPORARY)
     try:
         with _removed_on_failure(temporary):
             _remove_leftovers(target)
@@ -55,25 +56,32 @@ def _removed_on_failure(temporary: pathlib.Path) -> Iterator[None]:
 def reserved(path: str | os.PathLike[str]) -> Iterator[None]:
     """Keep other processes from working on `path` while the block runs; a killed process keeps nobody out.
 
-    Raises ReplayError (E_BUSY) where another process is at it, E_WRITE where the folder cannot be written to. The
-    mark is the empty temporary file of `atomic_write`, which may be called inside.
+    An empty file `.NAME.PID.run` beside it marks who is at it; of several the oldest counts. Raises ReplayError
+    (E_BUSY) where another process is at it, E_WRITE where the folder cannot be written to.
     """
     target = pathlib.Path(path)
-    mark = _temporary(target)
+    mark = _beside(target, os.getpid(), _RUN)
     with _removed_on_failure(mark):
         try:
             _remove_leftovers(target)
             _create(mark)
-            others = [pid for pid in _writers(target) if pid != os.getpid() and _is_running(pid)]
+            first = _oldest_mark(target)
         except OSError as error:
             raise _unwritable(target, error) from error
-        if others and min(others) < os.getpid():  # of two that begin together, one goes on
-            raise ReplayError(
-                BUSY_ERROR, f"{target}: process {min(others)} is working on it; wait, or use another --out"
-            )
+        if first != os.getpid():
+            raise ReplayError(BUSY_ERROR, f"{target}: process {first} is working on it; wait, or use another --out")
         yield
     with contextlib.suppress(OSError):
         mark.unlink(missing_ok=True)
+
+
+def _oldest_mark(target: pathlib.Path) -> int:
+    """The process whose mark is the oldest; of two of one age, the smaller number."""
+    age: dict[int, int] = {}
+    for pid in _writers(target, _RUN):
+        with contextlib.suppress(FileNotFoundError):  # done in the meantime
+            age[pid] = _beside(target, pid, _RUN).stat().st_mtime_ns
+    return min(age, key=lambda pid: (age[pid], pid))
 
 
 def _unwritable(target: pathlib.Path, error: OSError) -> ReplayError:
@@ -81,13 +89,14 @@ def _unwritable(target: pathlib.Path, error: OSError) -> ReplayError:
     return ReplayError(WRITE_ERROR, f"{target}: cannot be written: {reason}")
 
 
-def _temporary(target: pathlib.Path) -> pathlib.Path:
-    return target.with_name(f".{target.name}.{os.getpid()}.tmp")
+def _beside(target: pathlib.Path, pid: int, suffix: str) -> pathlib.Path:
+    """The file of a process beside `target`."""
+    return target.with_name(f".{target.name}.{pid}.{suffix}")
 
 
-def _writers(target: pathlib.Path) -> list[int]:
-    """Processes that have a temporary file of this name, running or not."""
-    pattern = re.compile(re.escape(f".{target.name}.") + r"(\d{1,10})\.tmp")
+def _writers(target: pathlib.Path, suffix: str) -> list[int]:
+    """Processes that have such a file beside `target`, running or not."""
+    pattern = re.compile(re.escape(f".{target.name}.") + r"(\d{1,10})\." + suffix)
     names = os.listdir(target.parent)  # noqa: PTH208 - a folder of results may hold tens of thousands
     return [int(match[1]) for match in map(pattern.fullmatch, names) if match]
 
@@ -100,9 +109,10 @@ def _create(temporary: pathlib.Path) -> None:
 
 def _remove_leftovers(target: pathlib.Path) -> None:
     """Remove temporary files of this name whose process has gone."""
-    for pid in _writers(target):
-        if not _is_running(pid):
-            target.with_name(f".{target.name}.{pid}.tmp").unlink(missing_ok=True)
+    for suffix in (_TEMPORARY, _RUN):
+        for pid in _writers(target, suffix):
+            if not _is_running(pid):
+                _beside(target, pid, suffix).unlink(missing_ok=True)
 
 
 def _is_running(pid: int) -> bool:

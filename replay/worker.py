@@ -75,8 +75,9 @@ class Worker:
 
     def _solve(self, problem: Problem, method: Method, on_iterate: OnIterate) -> Solved:
         pipe = self._ready()
-        _send(pipe, (problem, method, self.limits.time_s))
         clock = _Clock(self.limits.time_s + GRACE_S)
+        with contextlib.suppress(BrokenPipeError):  # it has died: the pipe's end says so below
+            _send(pipe, (problem, method, self.limits.time_s))
         while True:
             if not pipe.poll(clock.left()):
                 self._end()

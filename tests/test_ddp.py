@@ -113,7 +113,7 @@ def test_the_tests_of_convergence_are_told_and_end_below_their_limits():
     told: list[Iterate] = []
     result = Ddp().solve(random_problem(5), told.append)
     assert result.stop is Stop.CONVERGED
-    assert set(told[-1].residuals) == {"projected gradient", "goal", "hitch angle", "clearance"}
+    assert set(told[-1].residuals) == {"projected gradient", "gap", "goal", "hitch angle", "clearance"}
     # a residual of five times its tolerance counts as feasible
     assert max(told[-1].residuals.values()) <= 5.0
     for number in ("projected gradient", "goal missed by", "hitch angle over by", "clearance short by", "gap"):

@@ -19,6 +19,8 @@ from replay.errors import ReplayError
 from replay.recording.writing import Unwritable, verify
 from replay.results import read_results
 
+PASSING = (".tmp", ".run")
+"""Ends of the names of files that only last as long as a run."""
 _START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
@@ -36,17 +38,17 @@ def main() -> int:
         torn, unfinished = [], 0
         for number in range(arguments.kills):
             for file in folder.iterdir():
-                if file.suffix != ".tmp":
+                if file.suffix not in PASSING:
                     file.unlink()
             run(arguments.log, folder, kill_after=rng.uniform(0.1, 1.1) * whole)
             torn += [f"kill {number}: {words}" for words in torn_files(folder)]
-            unfinished += any(file.suffix == ".tmp" for file in folder.iterdir())
+            unfinished += any(file.suffix in PASSING for file in folder.iterdir())
         run(arguments.log, folder)
         left = sorted(file.name for file in folder.iterdir())
     print("\n".join(torn) or "no torn file")
     print(f"{arguments.kills} kills within {1.1 * whole:.1f} s; after {unfinished} of them a temporary file was left")
     print("after a last run, undisturbed:", ", ".join(left))
-    return int(bool(torn) or any(name.endswith(".tmp") for name in left))
+    return int(bool(torn) or any(name.endswith(PASSING) for name in left))
 
 
 def run(log: pathlib.Path, folder: pathlib.Path, kill_after: float | None = None) -> float:

@@ -52,7 +52,6 @@ class Descent:
     model: TruckModel
     states: Array
     controls: Array
-    iterations: int = 0
     gradient: float = np.inf
     gap: float = np.inf
     residuals: Residuals = _UNKNOWN
@@ -66,10 +65,6 @@ class Descent:
     def value(self) -> float:
         """J of the knots."""
         return objective_of(self.knots, self.problem.weights)
-
-    @property
-    def violation(self) -> float:
-        return max(*self.residuals.violation, self.gap)
 
 
 OnStep = Callable[[Descent, float], None]
@@ -95,8 +90,8 @@ def descend(descent: Descent, plan: Plan, on_step: OnStep) -> bool:
 
     def stepped(states: Array, controls: Array, step: float, gradient: float) -> None:
         descent.states, descent.controls = states, controls
-        descent.iterations += 1
         descent.gradient = gradient
+        descent.gap = (1.0 - step) * float(np.abs(model.expansion.gap).max(initial=0.0))  # what the step leaves of them
         on_step(descent, step)
 
     for number in range(plan.rounds):

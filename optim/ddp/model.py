@@ -1,5 +1,6 @@
 """The truck with one trailer as a `Model`: knots in, augmented Lagrangian out."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from optim.ddp.constraints import Lagrangian, Rows, residuals
 from optim.ddp.features import list_features
 from optim.ddp.truck import CONTROLS, CURVED, LEVER, STATES, Stages, expand, roll_out
 from optim.geometry import PackedScene
-from optim.methods.transcription import Knots
+from optim.methods.transcription import Knots, within_rate
 from optim.problem import Problem
 
 LONGEST_STEP = 1.0
@@ -62,31 +63,18 @@ def trajectory_of(knots: Knots, limits: tuple[float, float]) -> tuple[Array, Arr
     The steering is brought within `limits`, on itself [rad] and on its rate [rad/m].
     """
     states = np.zeros((len(knots.phi) + 1, STATES))
-    states[1:, :4], states[1:, 4] = knots.states, knots.phi
+    states[1:, :4] = knots.states
     states[0, :4] = knots.states[0]
     lengths = np.asarray(knots.lengths)
     for run, length in zip(knots.runs, lengths, strict=True):
         states[run.start + 1 : run.stop + 2, 5] = length
-    _limit_rate(states[1:, 4], knots, limits)
+    steer = np.clip(knots.phi, -limits[0], limits[0])
+    # equal to the rate's limit but for rounding: the bounds of the first expansion must hold
+    states[1:, 4] = within_rate(replace(knots, phi=steer), limits[1] * (1.0 - 1e-9))
     states[0, 4:] = states[1, 4:]
     controls = states[1:, 4:].copy()
     controls[np.concatenate([[0], knots.gear]) != 0, 1] = 0.0
     return states, controls
-
-
-def _limit_rate(phi: Array, knots: Knots, limits: tuple[float, float]) -> None:
-    """Limit the steering and its rate, in place: the mean of doing so from either end keeps both."""
-    np.clip(phi, -limits[0], limits[0], out=phi)
-    most = limits[1] * (1.0 - 1e-9) * knots.h
-    if (np.abs(np.diff(phi)) <= most)[knots.gear != 0].all():
-        return
-    forth, back = phi.copy(), phi.copy()
-    for run in knots.runs:
-        for k in range(run.start, run.stop):
-            forth[k + 1] = min(max(phi[k + 1], forth[k] - most[k]), forth[k] + most[k])
-        for k in range(run.stop - 1, run.start - 1, -1):
-            back[k] = min(max(phi[k], back[k + 1] - most[k]), back[k + 1] + most[k])
-    phi[:] = 0.5 * (forth + back)
 
 
 def knots_from(states: Array, knots: Knots) -> Knots:

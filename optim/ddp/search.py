@@ -6,18 +6,19 @@ import numpy as np
 
 from optim.arrays import Array, IntArray
 from optim.ddp.augmented import Descent, OnStep, Plan, descend, start_descent
+from optim.methods.between import missing_between, raised
 from optim.methods.transcription import Knots, path_of, remesh, without_segment
 from optim.objective import objective
 from optim.path import Path
 from optim.problem import Problem
-from optim.scene import clearance, swept_clearance
 
+LARGEST_GAP = 1e-6
+"""Of a trajectory that counts as feasible [m or rad]; after one full step there is none but rounding."""
 VANISHED = 0.3
 """Segments shorter than this [m] are merged away: they only buy a jump of the steering."""
 TOLL = 5.0
 """What a metre of a segment costs while it is pressed out of the path."""
 _ROOM = 2e-5  # [m]: clearance asked for beyond the requirement, above the tolerance of the last descent
-_SAFETY = 1e-4  # [m]: beyond what was lost between knots, so that the next measurement finds nothing missing
 _PATIENCE = 3
 """Descents that may end infeasible before `polish` gives up."""
 _GAIN = 1e-6  # relative; less is no improvement
@@ -45,7 +46,7 @@ def settle(problem: Problem, knots: Knots, plan: Plan, on_step: OnStep) -> Desce
 def is_feasible(descent: Descent, plan: Plan) -> bool:
     """Whether constraints are met, stationary or not; a residual of five times its tolerance will do."""
     met = (value <= 5.0 * limit for value, limit in zip(descent.residuals.violation, plan.tolerances, strict=True))
-    return descent.gap <= 1e-6 and all(met)
+    return descent.gap <= LARGEST_GAP and all(met)
 
 
 def shed_segments(first: Descent, plan: Plan, most: int, on_step: OnStep) -> list[Descent]:
@@ -121,12 +122,13 @@ def polish(descent: Descent, plan: Plan, rounds: int, on_step: OnStep) -> Findin
                 break
             continue
         path = path_of(problem.vehicle, descent.knots, problem.initial)
-        missing = _missing(problem, descent.knots, path)
+        missing = missing_between(problem, descent.knots, path)
         hitch = _hitch_excess(problem, path)
         if missing.max() <= 0.0 and hitch <= 0.0:
             return Finding(path=path, value=objective(path, problem.weights))
         if missing.max() > 0.0:
-            _raise_required(descent, missing)
+            required = descent.model.lagrangian.required[1:]  # the stage before the first knot asks for nothing
+            required[:] = raised(problem, descent.knots, required, missing, _ROOM)
         if hitch > 0.0:
             descent.model.lagrangian.scalars[3] -= hitch + _ROOM
     return None
@@ -136,34 +138,3 @@ def _hitch_excess(problem: Problem, path: Path) -> float:
     """By how much the hitch angle exceeds its limit, or that at the ends, between the knots [rad]; <= 0: not."""
     limit = max(problem.vehicle.max_hitch, abs(path.start[3]), abs(path.goal[3]))
     return max(float(np.abs(segment.alpha).max()) for segment in path.segments) - limit
-
-
-def _missing(problem: Problem, knots: Knots, path: Path) -> Array:
-    """Swept clearance that each interval lacks, for truck and trailer [m]; <= 0: none. Shape (K - 1, 2)."""
-    missing = np.full((len(knots.h), 2), -np.inf)
-    for run, segment in zip(knots.runs, path.segments, strict=True):
-        swept = swept_clearance(problem.scene, problem.vehicle, segment.s, segment.states, segment.phi)
-        middle = 0.5 * (segment.s[1:] + segment.s[:-1])
-        interval = np.searchsorted(np.cumsum(knots.h[run]), middle)
-        np.maximum.at(
-            missing, run.start + np.minimum(interval, run.stop - run.start - 1), problem.required_clearance - swept
-        )
-    return missing
-
-
-def _raise_required(descent: Descent, missing: Array) -> None:
-    """Ask at the knots for what gets lost between them.
-
-    What an interval loses, the smaller clearance of its knots less its swept one, hardly changes with a small change
-    of the path: so much more is asked for at both, wherever the interval is near to lacking clearance or was raised.
-    """
-    problem, required = descent.problem, descent.model.lagrangian.required
-    at_knots = clearance(problem.scene, problem.vehicle, descent.knots.states)
-    seen = np.isfinite(missing)  # else no obstacle is there
-    lost = np.minimum(at_knots[:-1], at_knots[1:]) - (problem.required_clearance - np.where(seen, missing, 0.0))
-    asked = np.maximum(required[1:-1], required[2:]) > problem.required_clearance + 2.0 * _ROOM
-    matters = asked | (missing > -0.05)
-    ask = problem.required_clearance + _ROOM + np.where(matters, np.maximum(lost, 0.0) + _SAFETY, 0.0)
-    required[1:] = problem.required_clearance + _ROOM
-    required[1:-1] = np.maximum(required[1:-1], ask)
-    required[2:] = np.maximum(required[2:], ask)

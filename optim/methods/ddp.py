@@ -12,7 +12,7 @@ from typing import Literal
 
 from optim.ddp.augmented import Descent, Plan
 from optim.ddp.model import Residuals
-from optim.ddp.search import Finding, is_feasible, polish, refined, settle, shed_segments
+from optim.ddp.search import LARGEST_GAP, Finding, is_feasible, polish, refined, settle, shed_segments
 from optim.ddp.solver import End
 from optim.ddp.source import solve_source
 from optim.methods.transcription import knots_of, path_of
@@ -169,6 +169,7 @@ class _Teller:
         goal, hitch, clear = residuals.complementary
         return {
             "projected gradient": descent.gradient / self.options.gradient_tolerance,
+            "gap": descent.gap / LARGEST_GAP,
             "goal": goal / self.options.goal_tolerance,
             "hitch angle": hitch / self.options.clearance_tolerance,
             "clearance": clear / self.options.clearance_tolerance,

@@ -19,6 +19,7 @@ from typing import Protocol
 import numpy as np
 
 from optim.arrays import Array, frozen
+from optim.methods.between import missing_between, raised
 from optim.methods.transcription import (
     Knots,
     defects,
@@ -28,21 +29,19 @@ from optim.methods.transcription import (
     merge_vanished,
     path_of,
     remesh,
+    within_rate,
     without_segment,
 )
 from optim.objective import objective
 from optim.path import Path
 from optim.problem import Problem
 from optim.result import Iterate, OnIterate, Result, Stop, ignore
-from optim.scene import clearance, swept_clearance
 from optim.vehicle import Vehicle
 
 LARGEST_DEFECT = 1e-6
 """Of one interval of a path that is given back [m or rad]; the audit allows 1e-4, and 10 mm in the sum."""
 CLEARANCE_TOLERANCE = 1e-6
 """By which a path that is given back may fall short of the required clearance [m]."""
-_SAFETY = 1e-4  # [m]: clearance asked for beyond what is missing, so that the next measurement finds nothing missing
-_BAND = 0.015  # of the wheelbase: intervals that near to lacking clearance are raised before they lack it
 _LIMIT_SLACK = 1e-4  # relative, of limits on steering, its rate and the hitch angle; the audit allows 1e-3
 _GAIN = 1e-6  # relative; less is no improvement
 
@@ -165,7 +164,7 @@ def _descend(
             required = _required(problem, knots)
             continue
         path = path_of(problem.vehicle, outcome.knots, problem.initial)
-        missing = _missing(problem, outcome.knots, path)
+        missing = missing_between(problem, outcome.knots, path)
         candidate = _Best(path, outcome.knots, _value(problem, path))
         if _keeps_everything(problem, candidate, missing) and (best is None or candidate.objective < best.objective):
             best = candidate
@@ -177,7 +176,7 @@ def _descend(
             continue
         if missing.max() <= 0.0:
             break
-        knots, required = outcome.knots, _raised(problem, outcome.knots, required, missing)
+        knots, required = outcome.knots, raised(problem, outcome.knots, required, missing)
     return best, outcome, iterations
 
 
@@ -208,55 +207,12 @@ def _seed(problem: Problem, knots: Knots, spacing: float) -> Knots:
     states = knots.states.copy()
     states[0], states[-1] = problem.initial.start, problem.initial.goal
     knots = remesh(problem.vehicle, replace(knots, states=states), spacing, problem.initial)
-    return replace(knots, phi=_within_rate(knots, problem.vehicle.max_steer_rate))
-
-
-def _within_rate(knots: Knots, limit: float) -> Array:
-    """The steering with no change faster than the limit [rad/m]: the mean of limiting it from either end."""
-    phi = knots.phi.copy()
-    for run in knots.runs:
-        forth, back, most = phi.copy(), phi.copy(), limit * knots.h
-        for k in range(run.start, run.stop):
-            forth[k + 1] = np.clip(phi[k + 1], forth[k] - most[k], forth[k] + most[k])
-        for k in range(run.stop - 1, run.start - 1, -1):
-            back[k] = np.clip(phi[k], back[k + 1] - most[k], back[k + 1] + most[k])
-        block = slice(run.start, run.stop + 1)
-        phi[block] = 0.5 * (forth[block] + back[block])  # both keep the limits, which are convex
-    return phi
+    return replace(knots, phi=within_rate(knots, problem.vehicle.max_steer_rate))
 
 
 def _required(problem: Problem, knots: Knots) -> Array:
     """Clearance to keep at each knot by truck and trailer [m], to begin with. Shape (K, 2)."""
     return frozen(np.full((len(knots.phi), 2), problem.required_clearance))
-
-
-def _missing(problem: Problem, knots: Knots, path: Path) -> Array:
-    """How much swept clearance each interval lacks, for truck and trailer [m]; <= 0 none. Shape (K - 1, 2)."""
-    missing = np.full((len(knots.h), 2), -np.inf)
-    for run, segment in zip(knots.runs, path.segments, strict=True):
-        swept = swept_clearance(problem.scene, problem.vehicle, segment.s, segment.states, segment.phi)
-        ends = np.cumsum(knots.h[run])
-        middle = 0.5 * (segment.s[1:] + segment.s[:-1])
-        interval = run.start + np.minimum(np.searchsorted(ends, middle), len(ends) - 1)
-        np.maximum.at(missing, interval, problem.required_clearance - swept)
-    return missing
-
-
-def _raised(problem: Problem, knots: Knots, required: Array, missing: Array) -> Array:
-    """The clearance to ask for at the knots, so that it is kept between them. Shape (K, 2).
-
-    What an interval loses between its knots, their smaller clearance less its swept clearance, hardly changes with
-    a small change of the path; so that much more is asked for at both, no less and no more, where it matters.
-    """
-    at_knots = clearance(problem.scene, problem.vehicle, knots.states)
-    lost = np.minimum(at_knots[:-1], at_knots[1:]) - (problem.required_clearance - missing)
-    raised = np.maximum(required[:-1], required[1:]) > problem.required_clearance
-    matters = raised | (missing > -_BAND * problem.vehicle.wheelbase)
-    ask = np.where(matters & np.isfinite(lost), problem.required_clearance + np.maximum(lost, 0.0) + _SAFETY, 0.0)
-    out = np.full_like(required, problem.required_clearance)
-    out[:-1] = np.maximum(out[:-1], ask)
-    out[1:] = np.maximum(out[1:], ask)
-    return frozen(out)
 
 
 def _keeps_everything(problem: Problem, candidate: _Best, missing: Array) -> bool:

@@ -274,6 +274,20 @@ def remesh(vehicle: Vehicle, knots: Knots, spacing: float, like: Path) -> Knots:
     return knots_of(vehicle, path_of(vehicle, knots, like), spacing)
 
 
+def within_rate(knots: Knots, limit: float) -> Array:
+    """The steering with no change faster than the limit [rad/m]: the mean of limiting it from either end."""
+    phi = knots.phi.copy()
+    for run in knots.runs:
+        forth, back, most = phi.copy(), phi.copy(), limit * knots.h
+        for k in range(run.start, run.stop):
+            forth[k + 1] = np.clip(phi[k + 1], forth[k] - most[k], forth[k] + most[k])
+        for k in range(run.stop - 1, run.start - 1, -1):
+            back[k] = np.clip(phi[k], back[k + 1] - most[k], back[k + 1] + most[k])
+        block = slice(run.start, run.stop + 1)
+        phi[block] = 0.5 * (forth[block] + back[block])  # both keep the limits, which are convex
+    return phi
+
+
 def is_worn(knots: Knots, spacing: float) -> bool:
     """Whether a segment has grown so much that it needs more knots."""
     return max(float(knots.h[run].mean()) for run in knots.runs) > 1.5 * spacing
