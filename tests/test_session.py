@@ -6,6 +6,8 @@ import os
 import pathlib
 import shutil
 import signal
+import subprocess
+import sys
 import threading
 import time
 from typing import Any
@@ -106,15 +108,16 @@ def test_ctrl_c_gives_status_130_and_keeps_what_was_finished(tmp_path, log, caps
 
 
 def test_two_runs_of_one_log_in_one_folder_do_not_mix(tmp_path, log, capsys):
-    """The process that is at it is this one's parent, which is running."""
-    mark = tmp_path / f".yard.results.json.{os.getppid()}.run"
-    mark.touch()
-    assert session(tmp_path, {"keeps": Keeps()}, [log]).run([log]) == 2
-    said = capsys.readouterr().err
-    assert f"process {os.getppid()} is working on it; wait, or use another --out [E_BUSY]" in said
-    assert [file.name for file in tmp_path.iterdir()] == [mark.name]
-    mark.rename(tmp_path / ".yard.results.json.999999999.run")  # of a process that is no more
-    assert session(tmp_path, {"keeps": Keeps()}, [log]).run([log]) == 0
+    """The process that came first goes on, whatever the numbers: this one's is smaller here."""
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as other:
+        mark = tmp_path / f".yard.results.json.{other.pid}.run"
+        mark.touch()
+        assert session(tmp_path, {"keeps": Keeps()}, [log]).run([log]) == 2
+        said = capsys.readouterr().err
+        assert f"process {other.pid} is working on it; wait, or use another --out [E_BUSY]" in said
+        assert [file.name for file in tmp_path.iterdir()] == [mark.name]
+        other.kill()
+    assert session(tmp_path, {"keeps": Keeps()}, [log]).run([log]) == 0, "a killed process keeps nobody out"
     assert [file.name for file in tmp_path.iterdir()] == ["yard.results.json"]
 
 
