@@ -1,0 +1,58 @@
+"""`replay report`: the reports of a regression run, made again from its files."""
+
+import pathlib
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from replay.cli.console import Common, Voice
+from replay.cli.usage import ExitStatus
+from replay.regress.reports import make_report
+from replay.regress.reports.facts import ranked, state
+from replay.regress.reports.junit import explained
+from replay.regress.reports.model import RunData
+
+_MOST_LINES = 20
+
+
+def report(
+    run: pathlib.Path,
+    /,
+    *,
+    history: pathlib.Path | None = None,
+    common: Annotated[Common | None, Parameter(name="*")] = None,
+) -> int:
+    """Make the reports of a regression run again from its files: HTML, JUnit XML, Markdown, Parquet, a JSON summary.
+
+    Exit status 1 if the run shows a regression, 3 if it is unfinished, or some of its logs or files could not be read.
+
+    Parameters
+    ----------
+    run
+        Folder of the run, written by `replay regress`.
+    history
+        Folder of the runs from which the trend is read; by default the one in which the run is.
+    """
+    voice = Voice(common or Common())
+    made = make_report(run, history)
+    status = _status(made.run)
+    voice.show(str(made.summary["headline"]))
+    changes = ranked(made.run.failing)
+    voice.show(*(f"  {c.method} on {c.case or c.log}: {explained(c)}" for c in changes[:_MOST_LINES]))
+    if len(changes) > _MOST_LINES:
+        voice.show(f"  and {len(changes) - _MOST_LINES} more")
+    voice.show(*(f"wrote {path}" for path in made.files))
+    for line in made.run.damaged:
+        voice.error(f"left out: {line}")
+    if not made.run.complete:
+        voice.note("the run is unfinished: `replay regress --resume` does the rest")
+    files = [str(path) for path in made.files]
+    voice.document({"schema": "replay.report/1", "exit_status": int(status), "files": files, "summary": made.summary})
+    return status
+
+
+def _status(run: RunData) -> ExitStatus:
+    if state(run) == "failed":
+        return ExitStatus.SHORT
+    unread = run.damaged or any(not error.expected for error in run.errors)
+    return ExitStatus.PARTIAL if unread or not run.complete else ExitStatus.OK

@@ -1,0 +1,158 @@
+"""Geometry of the charts: what the page draws as SVG. Coordinates in pixels, y down."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from replay.regress.reports.history import Point
+from replay.regress.reports.numbers import shown
+
+WIDTH, HEIGHT = 460, 260
+_LEFT, _RIGHT, _TOP, _BOTTOM = 52, 12, 12, 44
+_FARTHEST: Final = 3.0
+"""Performance profiles end at so many times the best J."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """One curve."""
+
+    method: str
+    points: str
+    """As SVG's polyline takes them."""
+    dots: tuple[tuple[float, float, str], ...] = ()
+    """Places that stand for measurements, and what they say."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chart:
+    """Axes and curves."""
+
+    title: str
+    x_label: str
+    y_label: str
+    x_ticks: tuple[tuple[float, str], ...]
+    y_ticks: tuple[tuple[float, str], ...]
+    lines: tuple[Line, ...]
+    marks: tuple[tuple[float, str], ...] = ()
+    """Places on the x-axis of runs that failed, and their names."""
+    width: int = WIDTH
+    height: int = HEIGHT
+    left: int = _LEFT
+    right: int = WIDTH - _RIGHT
+    top: int = _TOP
+    bottom: int = HEIGHT - _BOTTOM
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Scale:
+    """From values to pixels."""
+
+    low: float
+    high: float
+    start: float
+    end: float
+
+    def __call__(self, value: float) -> float:
+        share = (value - self.low) / (self.high - self.low)
+        return round(self.start + share * (self.end - self.start), 2)
+
+
+def profile_chart(profiles: Mapping[str, Sequence[float]]) -> Chart | None:
+    """Share of cases on which a method's J is at most so many times the best J."""
+    if not profiles:
+        return None
+    largest = max(ratios[min(len(ratios) - 1, math.ceil(0.98 * len(ratios)))] for ratios in profiles.values())
+    high = min(max(1.02 + 1.02 * (largest - 1.0), 1.05), _FARTHEST)
+    x = _Scale(low=1.0, high=high, start=_LEFT, end=WIDTH - _RIGHT)
+    y = _Scale(low=0.0, high=1.0, start=HEIGHT - _BOTTOM, end=_TOP)
+    lines = [Line(method=name, points=_steps(ratios, high, x, y)) for name, ratios in profiles.items()]
+    return Chart(
+        title="Performance profiles",
+        x_label="J over the best method's J",
+        y_label="share of cases",
+        x_ticks=tuple((x(value), shown(value)) for value in ticks(1.0, high)),
+        y_ticks=tuple((y(value), f"{100 * value:.0f} %") for value in (0.0, 0.25, 0.5, 0.75, 1.0)),
+        lines=tuple(lines),
+    )
+
+
+def _steps(ratios: Sequence[float], high: float, x: _Scale, y: _Scale) -> str:
+    """A staircase from (1, 0): after each case's ratio the share is higher by one case."""
+    corners, share = [(x(1.0), y(0.0))], 0.0
+    for i, ratio in enumerate(ratios):
+        if ratio > high:
+            break
+        if i + 1 < len(ratios) and ratios[i + 1] == ratio:
+            continue
+        corners += [(x(ratio), y(share)), (x(ratio), y((i + 1) / len(ratios)))]
+        share = (i + 1) / len(ratios)
+    corners.append((x(high), y(share)))
+    return _path(corners)
+
+
+def trend_chart(points: Sequence[Point], quantity: str) -> Chart | None:
+    """A quantity of each method over the runs: `ratio` (J over the recorded J) or `wall_s` (median time, log scale)."""
+    values: list[Mapping[str, float]] = [getattr(point, quantity) for point in points]
+    logarithmic = quantity == "wall_s"
+    known = [_place(v, logarithmic) for entry in values for v in entry.values() if v > 0.0 or not logarithmic]
+    if len(points) < 2 or not known:
+        return None
+    low, high = _padded(min(known), max(known))
+    x = _Scale(low=0.0, high=len(points) - 1.0, start=_LEFT + 8, end=WIDTH - _RIGHT - 8)
+    y = _Scale(low=low, high=high, start=HEIGHT - _BOTTOM, end=_TOP)
+    lines = []
+    for name in dict.fromkeys(name for entry in values for name in entry):
+        dots = [
+            (x(i), y(_place(entry[name], logarithmic)), f"{points[i].name}: {name} {shown(entry[name], 5)}")
+            for i, entry in enumerate(values)
+            if name in entry and (entry[name] > 0.0 or not logarithmic)
+        ]
+        lines.append(Line(method=name, points=_path([(a, b) for a, b, _ in dots]), dots=tuple(dots)))
+    return Chart(
+        title="Median time" if logarithmic else "J over the recorded J",
+        x_label="run",
+        y_label="median wall time [s]" if logarithmic else "J / recorded J",
+        x_ticks=tuple((x(i), points[i].created[:10] or points[i].name[:10]) for i in _chosen(len(points))),
+        y_ticks=tuple((y(place), text) for place, text in _y_ticks(low, high, logarithmic)),
+        lines=tuple(lines),
+        marks=tuple((x(i), point.name) for i, point in enumerate(points) if point.state == "failed"),
+    )
+
+
+def _place(value: float, logarithmic: bool) -> float:
+    return math.log10(value) if logarithmic else value
+
+
+def _padded(low: float, high: float) -> tuple[float, float]:
+    """A range with some room at both ends; never empty."""
+    room = max(0.06 * (high - low), 1e-3 * max(abs(low), abs(high), 1.0))
+    return low - room, high + room
+
+
+def _y_ticks(low: float, high: float, logarithmic: bool) -> list[tuple[float, str]]:
+    if not logarithmic:
+        return [(value, shown(value, 4)) for value in ticks(low, high)]
+    decades = range(math.floor(low), math.ceil(high) + 1)
+    fine = (1.0, 2.0, 5.0) if high - low < 2.5 else (1.0,)
+    places = [(math.log10(m) + k, m * 10.0**k) for k in decades for m in fine]
+    return [(place, shown(value, 2)) for place, value in places if low <= place <= high]
+
+
+def _chosen(count: int) -> list[int]:
+    """At most four runs whose dates are written, the first and last among them."""
+    return sorted({round(k * (count - 1) / 3) for k in range(4)}) if count > 4 else list(range(count))
+
+
+def ticks(low: float, high: float, most: int = 6) -> list[float]:
+    """Round values from `low` to `high`."""
+    raw = (high - low) / most
+    power = 10.0 ** math.floor(math.log10(raw))
+    step = next(factor * power for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * power >= raw * (1.0 - 1e-9))
+    first = math.ceil(low / step - 1e-9)
+    return [round(k * step, 12) for k in range(first, math.floor(high / step + 1e-9) + 1)]
+
+
+def _path(places: Sequence[tuple[float, float]]) -> str:
+    return " ".join(f"{a:g},{b:g}" for a, b in places)

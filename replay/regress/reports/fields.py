@@ -1,0 +1,91 @@
+"""Taking values out of a run's files, which may be damaged or made by others: each is checked, text made harmless."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from replay.errors import printable
+
+LONGEST_NAME = 200
+LONGEST_TEXT = 500  # characters of a reason or an error
+
+
+class Malformed(Exception):
+    """A document does not have the form expected; `str()` says where."""
+
+
+def mapping(data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """A required object."""
+    value = data.get(key)
+    if not isinstance(value, Mapping):
+        raise Malformed(f"{key} is {_kind(value)}, expected an object")
+    return value
+
+
+def entries(data: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    """A required list of objects."""
+    value = data.get(key)
+    if not isinstance(value, list) or not all(isinstance(entry, Mapping) for entry in value):
+        raise Malformed(f"{key} is {_kind(value)}, expected a list of objects")
+    return value
+
+
+def text(data: Mapping[str, Any], key: str, default: str | None = None, limit: int = LONGEST_NAME) -> str:
+    """A string with everything invisible escaped; required unless there is a default."""
+    value = data.get(key)
+    if value is None and default is not None:
+        return default
+    if not isinstance(value, str):
+        raise Malformed(f"{key} is {_kind(value)}, expected a string")
+    return printable(value, limit)
+
+
+def words(data: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    """A list of strings, empty where there is none."""
+    value = data.get(key) or []
+    if not isinstance(value, list) or not all(isinstance(entry, str) for entry in value):
+        raise Malformed(f"{key} is {_kind(value)}, expected a list of strings")
+    return tuple(printable(entry, LONGEST_NAME) for entry in value)
+
+
+def number(data: Mapping[str, Any], key: str) -> float | None:
+    """A finite number; None where there is none."""
+    return _finite(data.get(key))
+
+
+def numbers(data: Any, prefix: str = "") -> dict[str, float]:
+    """The finite numbers of an object, at whatever depth, by their keys joined with dots."""
+    found: dict[str, float] = {}
+    for key, value in data.items() if isinstance(data, Mapping) else ():
+        name = prefix + printable(key, LONGEST_NAME)
+        if isinstance(value, Mapping):
+            found |= numbers(value, f"{name}.")
+        elif (finite := _finite(value)) is not None:
+            found[name] = finite
+    return found
+
+
+def facts(data: Any) -> dict[str, str]:
+    """An object as names and what is said of them."""
+    if not isinstance(data, Mapping):
+        return {}
+    return {printable(key, LONGEST_NAME): printable(value, LONGEST_TEXT) for key, value in data.items()}
+
+
+def flag(data: Mapping[str, Any], key: str) -> bool | None:
+    value = data.get(key)
+    return value if isinstance(value, bool) else None
+
+
+def _finite(value: Any) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    try:
+        converted = float(value)
+    except OverflowError:
+        return None
+    return converted if math.isfinite(converted) else None
+
+
+def _kind(value: Any) -> str:
+    return "missing" if value is None else f"a {type(value).__name__}"

@@ -1,0 +1,112 @@
+"""The trend over the last runs, read from the folder in which runs are kept."""
+
+import hashlib
+import os
+import pathlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from replay.errors import ReplayError
+from replay.regress.reports import fields
+from replay.regress.reports.facts import by_method, state
+from replay.regress.reports.fields import Malformed
+from replay.regress.reports.model import RunData
+from replay.regress.reports.reading import read_run
+from replay.strict_json import JsonError, read_json
+
+SUMMARY = "summary.json"
+SUMMARY_SCHEMA = "replay.summary/1"
+MOST_RUNS = 30
+"""Runs in the trend; a month of nights."""
+_LARGEST_SUMMARY = 8 * 2**20  # [bytes]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """One run in the trend."""
+
+    name: str
+    created: str
+    revision: str
+    state: str
+    logs: int
+    comparable: str
+    """Runs may be joined by a line where this is the same: the logs that were worked on."""
+    ratio: Mapping[str, float]
+    """Geometric mean of J over the recorded J, by method [-]."""
+    wall_s: Mapping[str, float]
+    """Median wall time by method [s]."""
+
+
+def point(run: RunData) -> Point:
+    """A run as one point of the trend."""
+    found = by_method(run)
+    return Point(
+        name=run.name,
+        created=run.created,
+        revision=run.revision,
+        state=state(run),
+        logs=len(run.logs),
+        comparable=fingerprint(run),
+        ratio={name: f.ratio for name, f in found.items() if f.ratio is not None},
+        wall_s={name: f.wall_s for name, f in found.items() if f.wall_s is not None},
+    )
+
+
+def fingerprint(run: RunData) -> str:
+    """The same for runs that worked on the same logs."""
+    logs = sorted({(row.log, row.sha256) for row in run.rows} | {(error.log, "") for error in run.errors})
+    return hashlib.sha256(repr(logs).encode("utf-8", "backslashreplace")).hexdigest()[:16]
+
+
+def trend(run: RunData, history: pathlib.Path) -> list[Point]:
+    """The last complete runs over the same logs up to this one, the oldest first; this one is the last."""
+    here = point(run)
+    names = sorted(name for name in _folders(history) if name < run.name)
+    before: list[Point] = []
+    for name in reversed(names):
+        found = _past(history / name)
+        if found is not None and found.comparable == here.comparable and found.created <= here.created:
+            before.append(found)
+        if len(before) == MOST_RUNS - 1:
+            break
+    return [*reversed(before), here]
+
+
+def _folders(history: pathlib.Path) -> Iterable[str]:
+    """Names of the runs' folders: they begin with the time, so that their order is that of time."""
+    try:
+        return [name for name in os.listdir(history) if (history / name / "run.json").is_file()]  # noqa: PTH208
+    except OSError:
+        return []
+
+
+def _past(folder: pathlib.Path) -> Point | None:
+    """An earlier run from its summary, or from its results where it has none. None if it was not finished."""
+    try:
+        return _stored(read_json(folder / SUMMARY, _LARGEST_SUMMARY))
+    except (JsonError, Malformed):
+        pass
+    try:
+        run = read_run(folder)
+    except ReplayError:
+        return None
+    return point(run) if run.complete else None
+
+
+def _stored(document: Any) -> Point:
+    """A point from a summary. Raises Malformed for what is none of a complete run."""
+    if not isinstance(document, Mapping) or document.get("schema") != SUMMARY_SCHEMA or not document.get("complete"):
+        raise Malformed("not the summary of a complete run")
+    entry = fields.mapping(document, "trend")
+    return Point(
+        name=fields.text(entry, "name"),
+        created=fields.text(entry, "created"),
+        revision=fields.text(entry, "revision"),
+        state=fields.text(entry, "state"),
+        logs=int(fields.number(entry, "logs") or 0),
+        comparable=fields.text(entry, "comparable"),
+        ratio=fields.numbers(entry.get("ratio")),
+        wall_s=fields.numbers(entry.get("wall_s")),
+    )

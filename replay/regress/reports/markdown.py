@@ -1,0 +1,83 @@
+"""The run as Markdown for a pull request: the verdict, and what changed. Short."""
+
+import re
+from collections.abc import Sequence
+
+from replay.regress.reports.facts import by_method, headline, labels, ranked, state
+from replay.regress.reports.html import SIGNS
+from replay.regress.reports.model import RunData
+from replay.regress.reports.numbers import count, fixed, percent, shown
+
+MOST_LINES = 20
+"""Rows of the table of changes; the page has all."""
+
+
+def markdown(run: RunData, accept: str = "") -> str:
+    """The text of a comment."""
+    parts = [f"### {SIGNS[state(run)]} {escaped(headline(run))}"]
+    about = [("revision", run.revision), ("corpus", run.corpus), ("run", run.name)]
+    parts.append(", ".join(f"{name} {escaped(value)}" for name, value in about if value))
+    if not run.complete:
+        parts.append("**Unfinished:** this is what there is so far.")
+    if run.partial:
+        parts.append(f"**Only a part of the corpus:** {escaped(run.partial)}.")
+    if run.damaged:
+        parts.append(f"**{count(len(run.damaged), 'file')} of the run cannot be read** and are left out.")
+    unexpected = [error for error in run.errors if not error.expected]
+    if unexpected:
+        names = ", ".join(escaped(error.log) for error in unexpected[:MOST_LINES])
+        parts.append(f"{count(len(unexpected), 'log')} could not be used: {names}")
+    changed = ranked(run.changes)
+    if changed:
+        parts.append(_changes(run))
+    if len(changed) > MOST_LINES:
+        parts.append(f"{len(changed) - MOST_LINES} more changes are in `report.html`.")
+    if run.rows:
+        parts.append(_methods(run))
+    if accept and state(run) == "failed":
+        parts.append(f"If this is meant: `{accept.replace('`', '')}`")
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _changes(run: RunData) -> str:
+    rows = []
+    for change in ranked(run.changes)[:MOST_LINES]:
+        unit = f" {change.unit}" if change.unit not in ("", "-") else ""
+        values = [escaped(shown(value, 7)) for value in (change.before, change.after)]
+        rows.append(
+            [
+                f"{SIGNS[change.verdict]} {change.verdict}",
+                escaped(change.case or change.log),
+                escaped(change.method),
+                escaped(change.key + unit),
+                *values,
+                percent(change.relative),
+                escaped(change.tolerance),
+            ]
+        )
+    header = ["verdict", "case", "method", "metric", "before", "after", "change", "tolerance"]
+    return _table(header, rows, right=("before", "after", "change"))
+
+
+def _methods(run: RunData) -> str:
+    names = labels(run.methods)
+    rows = []
+    for name, found in by_method(run).items():
+        done = f"{found.improved} of {found.results}"
+        row = [escaped(names[name]), done, str(found.failed), fixed(found.ratio, 4), fixed(found.wall_s, 2)]
+        rows.append(row)
+    header = ["method", "improved", "failed", "J / recorded J", "median time [s]"]
+    return _table(header, rows, right=header[1:])
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[str]) -> str:
+    rule = "|" + "|".join("--:" if name in right else "---" for name in header) + "|"
+    return "\n".join(["| " + " | ".join(header) + " |", rule, *("| " + " | ".join(row) + " |" for row in rows)])
+
+
+def escaped(text: str) -> str:
+    """The text as part of a sentence or a cell: nothing in it acts as markup, links or mentions anybody."""
+    text = " ".join(text.split())
+    text = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    text = re.sub(r"([\\`*_|\[\]#~!])", r"\\\1", text)
+    return re.sub(r"@(?=\w)", "@\u200b", text).replace("://", ":\u200b//")

@@ -1,0 +1,124 @@
+"""What a report is made of: one run of a regression as plain, checked data."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+VERDICTS: Final = ("crashed", "missing", "worse", "known", "better", "new", "same")
+"""What the comparison with the baseline can say, the gravest first."""
+FAILING: Final = frozenset({"crashed", "missing", "worse"})
+"""Verdicts with which a run fails."""
+
+Numbers = Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """What one method made of one case."""
+
+    log: str
+    case: str
+    kind: str
+    """Class of the log."""
+    tags: tuple[str, ...]
+    sha256: str
+    method: str
+    status: str
+    """improved, kept or failed."""
+    stop: str
+    reason: str
+    recorded: Numbers
+    """Metrics of the recorded path; what is not finite is left out."""
+    metrics: Numbers
+    """Metrics of the path that the method ends with, which is the recorded one unless it improved."""
+    recorded_passed: bool | None
+    passed: bool | None
+    """Whether the path passes the audit; None where nothing is said."""
+    audit: Numbers
+    """Values of the audit's checks, by `check.value`."""
+    work: Numbers
+    """Counters: iterations, evaluations, ..."""
+    wall_s: float | None
+    recording: str | None
+    """Path of the recording within the run's folder, where there is one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogError:
+    """A log that could not be worked on."""
+
+    log: str
+    kind: str
+    error: str
+    expected: bool
+    """Whether the corpus says that this log cannot be used."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """One metric compared with the baseline."""
+
+    log: str
+    case: str
+    method: str
+    key: str
+    unit: str
+    direction: str
+    """Which way is better: lower, higher or exact."""
+    before: float | str | None
+    after: float | str | None
+    verdict: str
+    tolerance: str
+    """In words, as far as the run says."""
+    note: str
+
+    @property
+    def difference(self) -> float | None:
+        """After less before, where both are numbers."""
+        if isinstance(self.before, float) and isinstance(self.after, float):
+            return self.after - self.before
+        return None
+
+    @property
+    def relative(self) -> float | None:
+        """The difference over the magnitude before."""
+        difference = self.difference
+        return difference / abs(self.before) if difference is not None and self.before else None  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunData:
+    """One run of a regression, as its folder says."""
+
+    name: str
+    """Of its folder."""
+    created: str
+    revision: str
+    corpus: str
+    machine: Mapping[str, str]
+    versions: Mapping[str, str]
+    options: Mapping[str, str]
+    methods: tuple[str, ...]
+    complete: bool
+    """Whether every log was worked on."""
+    partial: str
+    """What the run was restricted to, in words; empty for the whole corpus."""
+    planned: int | None
+    """Number of logs that were to be worked on, where it is known."""
+    rows: tuple[Row, ...]
+    errors: tuple[LogError, ...]
+    changes: tuple[Change, ...]
+    """Every comparison, those that say "same" too."""
+    compared: bool
+    """Whether the run has been compared with a baseline."""
+    damaged: tuple[str, ...]
+    """Files of the run that cannot be read, one line each."""
+
+    @property
+    def logs(self) -> list[str]:
+        """Names of the logs that were worked on, those in vain too."""
+        return sorted({row.log for row in self.rows} | {error.log for error in self.errors})
+
+    @property
+    def failing(self) -> list[Change]:
+        return [change for change in self.changes if change.verdict in FAILING]

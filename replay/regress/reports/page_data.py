@@ -1,0 +1,153 @@
+"""What the page shows of a run, in the order and the amount in which it shows it."""
+
+import statistics
+import urllib.parse
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from replay.regress.reports.facts import cost_ratio, ranked
+from replay.regress.reports.model import VERDICTS, Change, Row, RunData
+from replay.regress.reports.numbers import NO_VALUE, percent, shown
+
+MOST_CHANGES = 500
+MOST_CASES = 1000
+"""Rows of the page's tables: a browser stays quick, and nobody reads more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangeLine:
+    """One line of the table of changes."""
+
+    change: Change
+    kind: str
+    href: str | None
+    difference: str
+    sort: float | None
+
+    @property
+    def recording(self) -> bool:
+        return self.href is not None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """Changes of one metric of one method in one class of logs."""
+
+    verdict: str
+    method: str
+    key: str
+    kind: str
+    count: int
+    median: float | None
+    largest: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultCell:
+    """One method on one case."""
+
+    status: str
+    ratio: float | None
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaseLine:
+    """One line of the table of cases."""
+
+    name: str
+    kind: str
+    tags: str
+    verdict: str
+    """The gravest of its changes; empty without any."""
+    rank: int
+    recorded: float | None
+    recorded_passed: bool | None
+    href: str | None
+    results: Mapping[str, ResultCell]
+
+
+def change_lines(run: RunData) -> list[ChangeLine]:
+    """Every change, the gravest first."""
+    rows = {(row.log, row.case, row.method): row for row in run.rows}
+    kinds = class_of_logs(run)
+    hrefs = {row.case: href(row.recording) for row in run.rows if row.recording}
+    lines = []
+    for change in ranked(run.changes):
+        row = rows.get((change.log, change.case, change.method))
+        place = href(row.recording) if row and row.recording else hrefs.get(change.case)
+        relative, difference = change.relative, change.difference
+        text = NO_VALUE if difference is None else f"{'+' if difference > 0 else ''}{shown(difference, 3)}"
+        if relative is not None:
+            text = f"{text} ({percent(relative)})"
+        sort = relative if relative is not None else difference
+        kind = kinds.get(change.log, "")
+        lines.append(ChangeLine(change=change, kind=kind, href=place, difference=text, sort=sort))
+    return lines
+
+
+def class_of_logs(run: RunData) -> dict[str, str]:
+    return {row.log: row.kind for row in run.rows} | {error.log: error.kind for error in run.errors}
+
+
+def groups(lines: Sequence[ChangeLine]) -> list[Group]:
+    """Changes put together by verdict, method, metric and class, in the order of their first."""
+    found: dict[tuple[str, str, str, str], list[float | None]] = {}
+    for line in lines:
+        change = line.change
+        found.setdefault((change.verdict, change.method, change.key, line.kind), []).append(change.relative)
+    result = []
+    for (verdict, method, key, kind), relatives in found.items():
+        known = [relative for relative in relatives if relative is not None]
+        result.append(
+            Group(
+                verdict=verdict,
+                method=method,
+                key=key,
+                kind=kind,
+                count=len(relatives),
+                median=statistics.median(known) if known else None,
+                largest=max(known, key=abs) if known else None,
+            )
+        )
+    return sorted(result, key=lambda group: (VERDICTS.index(group.verdict), -group.count))
+
+
+def case_lines(run: RunData) -> list[CaseLine]:
+    """Every case, changed ones first, the gravest of them at the top."""
+    same = len(VERDICTS)
+    gravest: dict[str, int] = {}
+    for change in run.changes:
+        if change.verdict != "same":
+            name = change.case or change.log
+            gravest[name] = min(VERDICTS.index(change.verdict), gravest.get(name, same))
+    cases: dict[str, list[Row]] = {}
+    for row in run.rows:
+        cases.setdefault(row.case, []).append(row)
+    lines = [_case_line(name, rows, gravest.get(name, same)) for name, rows in cases.items()]
+    return sorted(lines, key=lambda line: (line.rank, line.name))
+
+
+def _case_line(name: str, rows: list[Row], rank: int) -> CaseLine:
+    first = rows[0]
+    cells = {
+        row.method: ResultCell(status=row.status, ratio=cost_ratio(row), reason=f"{row.stop}. {row.reason}")
+        for row in rows
+    }
+    recordings = [row.recording for row in rows if row.recording]
+    return CaseLine(
+        name=name,
+        kind=first.kind,
+        tags=", ".join(first.tags),
+        verdict=VERDICTS[rank] if rank < len(VERDICTS) else "",
+        rank=rank,
+        recorded=first.recorded.get("objective"),
+        recorded_passed=first.recorded_passed,
+        href=href(recordings[0]) if recordings else None,
+        results=cells,
+    )
+
+
+def href(recording: str | None) -> str | None:
+    """A file within the run's folder as a relative link."""
+    return None if recording is None else "./" + urllib.parse.quote(recording)

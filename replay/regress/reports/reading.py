@@ -1,0 +1,220 @@
+"""Reads the folder of a run. What is damaged is left out and named, never guessed."""
+
+import os
+import pathlib
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TypeVar
+
+from replay.errors import ReplayError, printable
+from replay.regress.reports import fields
+from replay.regress.reports.fields import Malformed
+from replay.regress.reports.model import VERDICTS, Change, LogError, Row, RunData
+from replay.strict_json import JsonError, read_json
+
+RUN_ERROR = "E_RUN"
+RUN_SCHEMA, LOG_SCHEMA, VERDICTS_SCHEMA = "replay.run/1", "replay.run.log/1", "replay.verdicts/1"
+LARGEST_LOG = 64 * 2**20
+LARGEST_VERDICTS = 512 * 2**20
+"""Largest files that are read [bytes]."""
+_T = TypeVar("_T")
+
+
+def read_run(folder: pathlib.Path) -> RunData:
+    """The run in a folder. ReplayError (E_RUN), one line, where there is none; files damaged in it are named."""
+    head = _head(folder)
+    damaged: list[str] = []
+    rows: list[Row] = []
+    errors: list[LogError] = []
+    for path in log_files(folder):
+        if (found := _tolerant(path, LOG_SCHEMA, LARGEST_LOG, damaged, lambda d: _log(folder, d))) is not None:
+            rows += found[0]
+            errors += found[1]
+    changes: list[Change] | None = None
+    verdicts = folder / "verdicts.json"
+    if verdicts.exists():
+        changes = _tolerant(verdicts, VERDICTS_SCHEMA, LARGEST_VERDICTS, damaged, _changes)
+    methods = dict.fromkeys((*_names(head.get("methods")), *(row.method for row in rows)))
+    complete, partial = _extent(head)
+    return RunData(
+        name=printable(folder.resolve().name),
+        created=fields.text(head, "created", ""),
+        revision=_revision(head.get("revision")),
+        corpus=_corpus(head.get("corpus")),
+        machine=_facts(head.get("machine"), "machine"),
+        versions=fields.facts(head.get("versions")),
+        options=fields.facts(head.get("options")),
+        methods=tuple(methods),
+        complete=complete,
+        partial=partial,
+        planned=_planned(head),
+        rows=tuple(rows),
+        errors=tuple(errors),
+        changes=tuple(changes or ()),
+        compared=bool(changes) and any(change.verdict != "new" for change in changes),
+        damaged=tuple(damaged),
+    )
+
+
+def log_files(folder: pathlib.Path) -> list[pathlib.Path]:
+    """The results of the logs, one file each, in the order of their names."""
+    logs = folder / "logs"
+    try:
+        names = sorted(os.listdir(logs))  # noqa: PTH208 - there may be tens of thousands
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise ReplayError(RUN_ERROR, f"{logs}: {error.strerror}") from error
+    return [logs / name for name in names if name.endswith(".json") and not name.startswith(".")]
+
+
+def _head(folder: pathlib.Path) -> Mapping[str, Any]:
+    path = folder / "run.json"
+    if not folder.is_dir():
+        raise ReplayError(RUN_ERROR, f"{folder}: no such folder, expected one written by `replay regress`")
+    try:
+        document = _document(path, RUN_SCHEMA, LARGEST_LOG)
+        fields.text(document, "created", "")
+    except (JsonError, Malformed) as error:
+        raise ReplayError(RUN_ERROR, f"{path}: {error}; expected the folder of a run of `replay regress`") from None
+    return document
+
+
+def _document(path: pathlib.Path, schema: str, largest: int) -> Mapping[str, Any]:
+    document = read_json(path, largest)
+    if not isinstance(document, Mapping):
+        raise Malformed(f"holds a {type(document).__name__}, expected an object")
+    if document.get("schema") != schema:
+        raise Malformed(f"schema is {str(document.get('schema'))[:60]!r}, expected {schema!r}")
+    return document
+
+
+def _tolerant(
+    path: pathlib.Path, schema: str, largest: int, damaged: list[str], take: Callable[[Mapping[str, Any]], _T]
+) -> _T | None:
+    """What `take` finds in a file; None, and a line in `damaged`, where the file cannot be used."""
+    try:
+        return take(_document(path, schema, largest))
+    except (JsonError, Malformed) as error:
+        damaged.append(printable(f"{path.parent.name}/{path.name}: {error}", fields.LONGEST_TEXT))
+        return None
+
+
+def _log(folder: pathlib.Path, data: Mapping[str, Any]) -> tuple[list[Row], list[LogError]]:
+    kind = fields.text(data, "class", "")
+    if data.get("error") is not None:
+        error = fields.text(data, "error", limit=fields.LONGEST_TEXT)
+        expected = data.get("expect") in ("error", "refused")
+        return [], [LogError(log=fields.text(data, "log"), kind=kind, error=error, expected=expected)]
+    return [row for case in fields.entries(data, "cases") for row in _rows(folder, data, case)], []
+
+
+def _rows(folder: pathlib.Path, log: Mapping[str, Any], case: Mapping[str, Any]) -> Iterator[Row]:
+    recorded = fields.mapping(case, "recorded")
+    for method in fields.entries(case, "methods"):
+        audit = method.get("audit") if isinstance(method.get("audit"), Mapping) else {}
+        yield Row(
+            log=fields.text(log, "log"),
+            case=fields.text(case, "case"),
+            kind=fields.text(log, "class", ""),
+            tags=fields.words(log, "tags"),
+            sha256=fields.text(log, "sha256", ""),
+            method=fields.text(method, "name"),
+            status=fields.text(method, "status"),
+            stop=fields.text(method, "stop", ""),
+            reason=fields.text(method, "reason", "", fields.LONGEST_TEXT),
+            recorded=fields.numbers(recorded.get("metrics")),
+            metrics=fields.numbers(method.get("metrics")),
+            recorded_passed=fields.flag(recorded.get("audit") or {}, "passed"),
+            passed=fields.flag(audit, "passed"),
+            audit=fields.numbers(audit),
+            work=fields.numbers(method.get("work")),
+            wall_s=fields.number(method, "wall_s"),
+            recording=_recording(folder, method.get("recording") or case.get("recording")),
+        )
+
+
+def _recording(folder: pathlib.Path, name: Any) -> str | None:
+    """A recording within the run's folder that is there; nothing else may become a link."""
+    if not isinstance(name, str) or "\0" in name:
+        return None
+    path = pathlib.PurePosixPath(name)
+    if path.is_absolute() or ".." in path.parts or path.suffix != ".rrd":
+        return None
+    return path.as_posix() if (folder / path).is_file() else None
+
+
+def _changes(data: Mapping[str, Any]) -> list[Change]:
+    return [_change(entry) for entry in fields.entries(data, "verdicts")]
+
+
+def _change(entry: Mapping[str, Any]) -> Change:
+    verdict = fields.text(entry, "verdict")
+    if verdict not in VERDICTS:
+        raise Malformed(f"a verdict is {verdict[:40]!r}, expected one of {', '.join(VERDICTS)}")
+    return Change(
+        log=fields.text(entry, "log"),
+        case=fields.text(entry, "case", ""),
+        method=fields.text(entry, "method", ""),
+        key=fields.text(entry, "key", ""),
+        unit=fields.text(entry, "unit", ""),
+        direction=fields.text(entry, "direction", ""),
+        before=_value(entry.get("before")),
+        after=_value(entry.get("after")),
+        verdict=verdict,
+        tolerance=_tolerance(entry),
+        note=fields.text(entry, "note", "", fields.LONGEST_TEXT),
+    )
+
+
+def _value(value: Any) -> float | str | None:
+    if value is None:
+        return None
+    finite = fields.number({"": value}, "")
+    return finite if finite is not None else printable(value)
+
+
+def _tolerance(entry: Mapping[str, Any]) -> str:
+    relative, absolute = fields.number(entry, "rel_tol"), fields.number(entry, "abs_tol")
+    parts = [f"{100.0 * relative:g} %"] if relative else []
+    parts += [f"{absolute:g} {entry.get('unit') or ''}".strip()] if absolute else []
+    if relative is None and absolute is None:
+        return ""
+    return " or ".join(parts) or "none: exact"
+
+
+def _names(value: Any) -> list[str]:
+    """Names of methods: a list of them, or an object by name."""
+    if isinstance(value, (list, Mapping)):
+        return [printable(name) for name in value if isinstance(name, str)]
+    return []
+
+
+def _revision(value: Any) -> str:
+    if isinstance(value, Mapping):
+        value = value.get("commit") or value.get("name") or ""
+    return printable(value or "")
+
+
+def _corpus(value: Any) -> str:
+    if isinstance(value, Mapping):
+        value = value.get("path") or value.get("name") or ""
+    return printable(value or "")
+
+
+def _facts(value: Any, name: str) -> dict[str, str]:
+    return {name: printable(value)} if isinstance(value, str) else fields.facts(value)
+
+
+def _extent(head: Mapping[str, Any]) -> tuple[bool, str]:
+    """Whether the run has come to its end, and what it was restricted to."""
+    partial = head.get("partial")
+    words = partial if isinstance(partial, str) else ("a selection of the corpus" if partial else "")
+    return bool(head.get("complete")), printable(words)
+
+
+def _planned(head: Mapping[str, Any]) -> int | None:
+    corpus = head.get("corpus")
+    for value in (head.get("num_logs"), corpus.get("num_logs") if isinstance(corpus, Mapping) else None):
+        if isinstance(value, int) and not isinstance(value, bool):
+            return value
+    return None

@@ -1,0 +1,126 @@
+"""Writes folders of regression runs, with results that follow from simple rules, for the tests of the reports."""
+
+import json
+import pathlib
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+METHODS = ("shortcut", "cpo", "ddp", "scp", "nlp")
+GAIN = {"shortcut": 0.72, "cpo": 0.93, "ddp": 0.66, "scp": 0.661, "nlp": 0.67}
+CLASSES = ("open", "narrow", "cusps", "reverse")
+
+
+def metrics(cost: float, cusps: int = 1, clearance: float | None = 0.25) -> dict[str, Any]:
+    """All metrics of a path by simple rules; `cost` is J."""
+    return {
+        "objective": cost,
+        "length": 0.8 * cost,
+        "trailer_length": 0.7 * cost,
+        "reverse_length": 0.3 * cost,
+        "cusps": cusps,
+        "max_abs_phi": 0.5,
+        "max_abs_alpha": 0.9,
+        "max_abs_kappa": 0.15,
+        "max_abs_dphi_ds": 0.2,
+        "steering_effort": 2.0,
+        "steering_variation": 3.0,
+        "min_clearance": clearance,
+    }
+
+
+def audit(passed: bool = True) -> dict[str, Any]:
+    values = {"defect_m": 1e-6, "defect_rad": 2e-6}
+    return {"passed": passed, "checks": {"motion": {"passed": passed, "values": values}}}
+
+
+def method(name: str, before: float, scale: float = 1.0, status: str = "improved", **more: Any) -> dict[str, Any]:
+    after = GAIN.get(name, 0.8) * before * scale if status == "improved" else before
+    entry = {
+        "name": name,
+        "status": status,
+        "stop": "converged" if status == "improved" else "stalled",
+        "reason": "The step is small." if status == "improved" else "Nothing better was found.",
+        "metrics": metrics(after, cusps=1 if status == "improved" else 2),
+        "audit": audit(),
+        "work": {"iterations": 12, "evaluations": 400},
+        "wall_s": 0.1 + 0.4 * len(name),
+        "recording": None,
+    }
+    return entry | more
+
+
+def log(name: str, number: int, methods: Sequence[str] = METHODS, **more: Any) -> dict[str, Any]:
+    """The results of one log with one case."""
+    before = 80.0 + 7.3 * (number % 11)
+    entries = [method(m, before, 1.0 + 0.01 * ((number * (k + 3)) % 7)) for k, m in enumerate(methods)]
+    case = {"case": f"{name}/0", "recorded": {"metrics": metrics(before, 2), "audit": audit()}, "methods": entries}
+    document = {
+        "schema": "replay.run.log/1",
+        "log": name,
+        "sha256": f"{number:064x}",
+        "class": CLASSES[number % len(CLASSES)],
+        "tags": ["grid"] if number % 2 else [],
+        "expect": "improved",
+        "error": None,
+        "cases": [case],
+    }
+    return document | more
+
+
+def verdict(
+    name: str, which: str, key: str, verdict: str, before: Any = 1.0, after: Any = 1.0, **more: Any
+) -> dict[str, Any]:
+    entry = {
+        "log": name,
+        "case": f"{name}/0",
+        "method": which,
+        "key": key,
+        "unit": "-",
+        "direction": "lower",
+        "rel_tol": 0.001,
+        "abs_tol": 0.0,
+        "before": before,
+        "after": after,
+        "verdict": verdict,
+    }
+    return entry | more
+
+
+def unchanged(logs: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """A comparison for each result that says "same"."""
+    return [
+        verdict(entry["log"], m["name"], "objective", "same", m["metrics"]["objective"], m["metrics"]["objective"])
+        for entry in logs
+        for case in entry.get("cases") or ()
+        for m in case["methods"]
+    ]
+
+
+def write_run(
+    folder: pathlib.Path,
+    logs: Sequence[Mapping[str, Any]],
+    verdicts: Sequence[Mapping[str, Any]] | None = None,
+    **head: Any,
+) -> pathlib.Path:
+    """Write a run's folder; `head` overrides fields of run.json."""
+    (folder / "logs").mkdir(parents=True)
+    (folder / "recordings").mkdir()
+    about = {
+        "schema": "replay.run/1",
+        "created": "2026-03-14T02:00:00Z",
+        "revision": "84f303a",
+        "versions": {"numpy": "2.3.4", "rerun-sdk": "0.41.0"},
+        "machine": {"system": "Linux", "cores": 2},
+        "corpus": {"path": "recordings", "num_logs": len(logs)},
+        "methods": list(METHODS),
+        "options": {"seed": 0, "time_limit_s": 60.0},
+        "complete": True,
+        "partial": False,
+    }
+    (folder / "run.json").write_text(json.dumps(about | head))
+    for i, entry in enumerate(logs):
+        (folder / "logs" / f"{i:05d}.json").write_text(json.dumps(entry))
+    if verdicts is not None:
+        document = {"schema": "replay.verdicts/1", "verdicts": list(verdicts)}
+        (folder / "verdicts.json").write_text(json.dumps(document))
+    return folder
