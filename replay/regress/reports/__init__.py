@@ -1,10 +1,10 @@
 """Reports of a regression run, made from the files of its folder alone, so that they can be made again at any time.
 
-    report.html     for people; one file that needs no network
-    junit.xml       for CI servers
-    report.md       for a pull request
-    rows.parquet    for analysts; one row for each case and method
-    summary.json    for programs, and for the trend of later runs
+report.html     for people; one file that needs no network
+junit.xml       for CI servers
+report.md       for a pull request
+rows.parquet    for analysts; one row for each case and method
+summary.json    for programs, and for the trend of later runs
 """
 
 import json

@@ -117,8 +117,7 @@ def state(run: RunData) -> str:
 
 def headline(run: RunData) -> str:
     """The verdict in one line."""
-    logs = count(len(run.logs), "log")
-    extent = f"{count(len(run.rows), 'result')} of {logs}"
+    extent = f"{count(len(run.rows), 'result')} of {logs_in_all(run)}"
     so_far = "" if run.complete else f" (unfinished: {_progress(run)})"
     match state(run):
         case "failed":
@@ -136,13 +135,15 @@ def headline(run: RunData) -> str:
 
 
 def _regression(run: RunData) -> str:
-    """How much fell short, and the worst of it."""
-    failing = ranked(run.failing)
-    words = {"crashed": "crashed", "missing": "missing", "worse": "worse"}
-    results = {verdict: {(c.log, c.case, c.method) for c in failing if c.verdict == verdict} for verdict in words}
-    parts = [f"{count(len(found), 'result')} {words[verdict]}" for verdict, found in results.items() if found]
-    logs = count(len({change.log for change in failing}), "log")
-    return f"Regression: {', '.join(parts)}, on {logs} of {len(run.logs)}. Worst: {sentence(failing[0])}"
+    """How much fell short; `groups` says of what."""
+    failing = run.failing
+    results = {v: {(c.log, c.case, c.method) for c in failing if c.verdict == v} for v in VERDICTS if v in FAILING}
+    parts = [f"{count(len(found), 'result')} {verdict}" for verdict, found in results.items() if found]
+    return f"Regression: {', '.join(parts)}; {len({change.log for change in failing})} of {logs_in_all(run)} affected"
+
+
+def logs_in_all(run: RunData) -> str:
+    return count(len(run.logs), "log")
 
 
 def sentence(change: Change) -> str:
@@ -160,6 +161,11 @@ def sentence(change: Change) -> str:
 def _progress(run: RunData) -> str:
     done = len(run.logs)
     return f"{done} of {run.planned} logs done" if run.planned else f"{count(done, 'log')} done"
+
+
+def class_of_logs(run: RunData) -> dict[str, str]:
+    """The class of each log."""
+    return {row.log: row.kind for row in run.rows} | {error.log: error.kind for error in run.errors}
 
 
 def is_failing(change: Change) -> bool:

@@ -22,6 +22,12 @@ def mapping(data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     return value
 
 
+def optional(data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """An object, empty where there is none."""
+    value = data.get(key)
+    return value if isinstance(value, Mapping) else {}
+
+
 def entries(data: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
     """A required list of objects."""
     value = data.get(key)

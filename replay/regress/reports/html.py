@@ -11,6 +11,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from replay.regress.reports import page_data
 from replay.regress.reports.charts import Chart, profile_chart, trend_chart
 from replay.regress.reports.facts import by_class, by_method, headline, profiles, state, tally
+from replay.regress.reports.groups import gravest, groups
 from replay.regress.reports.history import Point
 from replay.regress.reports.model import RunData
 from replay.regress.reports.numbers import fixed, percent, shown
@@ -35,6 +36,7 @@ _DASHES: Final = ("none", "9 3", "3 3", "12 3 3 3", "6 2 2 2", "1.5 2.5")
 """Nearly equal curves hide each other; dashes let those below show through."""
 _PAGE: Final = pathlib.Path(__file__).parent / "page"
 _MOST_ERRORS: Final = 200
+_MOST_SENTENCES: Final = 5
 
 
 def page(run: RunData, trend: Sequence[Point], accept: str = "") -> str:
@@ -45,6 +47,7 @@ def page(run: RunData, trend: Sequence[Point], accept: str = "") -> str:
     names = list(dict.fromkeys((*run.methods, *(name for point in trend for name in point.ratio))))
     style = _text("style.css") + _colours(names)
     script = _text("script.js")
+    together = groups(run)
     lines, cases = page_data.change_lines(run), page_data.case_lines(run)
     content: dict[str, Any] = {
         "run": run,
@@ -52,7 +55,8 @@ def page(run: RunData, trend: Sequence[Point], accept: str = "") -> str:
         "headline": headline(run),
         "accept": accept,
         "tally": tally(run.changes),
-        "groups": page_data.groups(lines),
+        "groups": together,
+        "worst": [group.sentence for group in gravest(together)[:_MOST_SENTENCES]],
         "changes": lines[: page_data.MOST_CHANGES],
         "more_changes": max(0, len(lines) - page_data.MOST_CHANGES),
         "errors": sorted(run.errors, key=lambda error: (error.expected, error.log))[:_MOST_ERRORS],

@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 
 from replay.errors import printable
-from replay.regress.reports.facts import is_failing, ranked, sentence
+from replay.regress.reports.facts import class_of_logs, is_failing, ranked, sentence
 from replay.regress.reports.model import Change, LogError, Row, RunData
 from replay.regress.reports.numbers import percent, shown
 
@@ -21,7 +21,7 @@ def junit(run: RunData) -> bytes:
     for row in run.rows:
         changes = by_key.pop((row.log, row.case, row.method), [])
         suites[row.method].append(_test(row.method, row.case, row.kind, row.wall_s, changes, row))
-    kinds = {row.log: row.kind for row in run.rows} | {error.log: error.kind for error in run.errors}
+    kinds = class_of_logs(run)
     for error in run.errors:
         changes = [change for key in list(by_key) if key[0] == error.log for change in by_key.pop(key)]
         suites.setdefault("logs", []).append(_unread(error, changes))

@@ -3,7 +3,8 @@
 import re
 from collections.abc import Sequence
 
-from replay.regress.reports.facts import by_method, headline, labels, ranked, state
+from replay.regress.reports.facts import by_method, headline, labels, state
+from replay.regress.reports.groups import Group, groups
 from replay.regress.reports.html import SIGNS
 from replay.regress.reports.model import RunData
 from replay.regress.reports.numbers import count, fixed, percent, shown
@@ -27,11 +28,11 @@ def markdown(run: RunData, accept: str = "") -> str:
     if unexpected:
         names = ", ".join(escaped(error.log) for error in unexpected[:MOST_LINES])
         parts.append(f"{count(len(unexpected), 'log')} could not be used: {names}")
-    changed = ranked(run.changes)
+    changed = groups(run)
     if changed:
-        parts.append(_changes(run))
+        parts.append(_changes(changed[:MOST_LINES]))
     if len(changed) > MOST_LINES:
-        parts.append(f"{len(changed) - MOST_LINES} more changes are in `report.html`.")
+        parts.append(f"{len(changed) - MOST_LINES} more lines are in `report.html`.")
     if run.rows:
         parts.append(_methods(run))
     if accept and state(run) == "failed":
@@ -39,24 +40,18 @@ def markdown(run: RunData, accept: str = "") -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _changes(run: RunData) -> str:
+def _changes(found: Sequence[Group]) -> str:
+    """One row for each method, metric and class, with the worst case of each."""
     rows = []
-    for change in ranked(run.changes)[:MOST_LINES]:
+    for group in found:
+        change = group.worst
         unit = f" {change.unit}" if change.unit not in ("", "-") else ""
         values = [escaped(shown(value, 7)) for value in (change.before, change.after)]
-        rows.append(
-            [
-                f"{SIGNS[change.verdict]} {change.verdict}",
-                escaped(change.case or change.log),
-                escaped(change.method),
-                escaped(change.key + unit),
-                *values,
-                percent(change.relative),
-                escaped(change.tolerance),
-            ]
-        )
-    header = ["verdict", "case", "method", "metric", "before", "after", "change", "tolerance"]
-    return _table(header, rows, right=("before", "after", "change"))
+        row = [f"{SIGNS[group.verdict]} {group.verdict}", *map(escaped, (group.method, group.key + unit, group.kind))]
+        row += [str(len(group.changes)), percent(group.median), escaped(change.case or change.log), *values]
+        rows.append([*row, escaped(change.tolerance)])
+    header = ["verdict", "method", "metric", "class", "cases", "median", "most changed", "before", "after", "tolerance"]
+    return _table(header, rows, right=("cases", "median", "before", "after"))
 
 
 def _methods(run: RunData) -> str:

@@ -1,11 +1,10 @@
 """What the page shows of a run, in the order and the amount in which it shows it."""
 
-import statistics
 import urllib.parse
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from replay.regress.reports.facts import cost_ratio, ranked
+from replay.regress.reports.facts import class_of_logs, cost_ratio, ranked
 from replay.regress.reports.model import VERDICTS, Change, Row, RunData
 from replay.regress.reports.numbers import NO_VALUE, percent, shown
 
@@ -27,19 +26,6 @@ class ChangeLine:
     @property
     def recording(self) -> bool:
         return self.href is not None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Group:
-    """Changes of one metric of one method in one class of logs."""
-
-    verdict: str
-    method: str
-    key: str
-    kind: str
-    count: int
-    median: float | None
-    largest: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,33 +70,6 @@ def change_lines(run: RunData) -> list[ChangeLine]:
         kind = kinds.get(change.log, "")
         lines.append(ChangeLine(change=change, kind=kind, href=place, difference=text, sort=sort))
     return lines
-
-
-def class_of_logs(run: RunData) -> dict[str, str]:
-    return {row.log: row.kind for row in run.rows} | {error.log: error.kind for error in run.errors}
-
-
-def groups(lines: Sequence[ChangeLine]) -> list[Group]:
-    """Changes put together by verdict, method, metric and class, in the order of their first."""
-    found: dict[tuple[str, str, str, str], list[float | None]] = {}
-    for line in lines:
-        change = line.change
-        found.setdefault((change.verdict, change.method, change.key, line.kind), []).append(change.relative)
-    result = []
-    for (verdict, method, key, kind), relatives in found.items():
-        known = [relative for relative in relatives if relative is not None]
-        result.append(
-            Group(
-                verdict=verdict,
-                method=method,
-                key=key,
-                kind=kind,
-                count=len(relatives),
-                median=statistics.median(known) if known else None,
-                largest=max(known, key=abs) if known else None,
-            )
-        )
-    return sorted(result, key=lambda group: (VERDICTS.index(group.verdict), -group.count))
 
 
 def case_lines(run: RunData) -> list[CaseLine]:

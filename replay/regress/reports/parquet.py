@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 
 from optim.metrics import UNITS
 from replay.regress.reports.facts import is_failing
-from replay.regress.reports.model import VERDICTS, Row, RunData
+from replay.regress.reports.model import VERDICTS, Numbers, RunData
 
 SCHEMA = "replay.rows/1"
 _WORDS = ("log", "case", "kind", "sha256", "method", "status", "stop", "reason", "recording")
@@ -59,8 +59,8 @@ def _cast(value: float | None, kind: pa.DataType) -> float | int | None:
     return None if value is None else (round(value) if kind == pa.int64() else value)
 
 
-def _keys(found: Iterable[dict[str, float] | Row]) -> list[str]:
-    return sorted({key for entry in found for key in entry})  # type: ignore[union-attr]
+def _keys(found: Iterable[Numbers]) -> list[str]:
+    return sorted({key for entry in found for key in entry})
 
 
 def _unit(name: str) -> str:

@@ -111,7 +111,7 @@ def _log(folder: pathlib.Path, data: Mapping[str, Any]) -> tuple[list[Row], list
 def _rows(folder: pathlib.Path, log: Mapping[str, Any], case: Mapping[str, Any]) -> Iterator[Row]:
     recorded = fields.mapping(case, "recorded")
     for method in fields.entries(case, "methods"):
-        audit = method.get("audit") if isinstance(method.get("audit"), Mapping) else {}
+        audit = fields.optional(method, "audit")
         yield Row(
             log=fields.text(log, "log"),
             case=fields.text(case, "case"),
@@ -124,7 +124,7 @@ def _rows(folder: pathlib.Path, log: Mapping[str, Any], case: Mapping[str, Any])
             reason=fields.text(method, "reason", "", fields.LONGEST_TEXT),
             recorded=fields.numbers(recorded.get("metrics")),
             metrics=fields.numbers(method.get("metrics")),
-            recorded_passed=fields.flag(recorded.get("audit") or {}, "passed"),
+            recorded_passed=fields.flag(fields.optional(recorded, "audit"), "passed"),
             passed=fields.flag(audit, "passed"),
             audit=fields.numbers(audit),
             work=fields.numbers(method.get("work")),
@@ -213,8 +213,7 @@ def _extent(head: Mapping[str, Any]) -> tuple[bool, str]:
 
 
 def _planned(head: Mapping[str, Any]) -> int | None:
-    corpus = head.get("corpus")
-    for value in (head.get("num_logs"), corpus.get("num_logs") if isinstance(corpus, Mapping) else None):
+    for value in (head.get("num_logs"), fields.optional(head, "corpus").get("num_logs")):
         if isinstance(value, int) and not isinstance(value, bool):
             return value
     return None
