@@ -1,5 +1,6 @@
 """Geometry of the charts: what the page draws as SVG. Coordinates in pixels, y down."""
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,8 +9,8 @@ from typing import Final
 from replay.regress.reports.history import Point
 from replay.regress.reports.numbers import shown
 
-WIDTH, HEIGHT = 460, 260
-_LEFT, _RIGHT, _TOP, _BOTTOM = 52, 12, 12, 44
+WIDTH, HEIGHT = 400, 250
+_LEFT, _RIGHT, _TOP, _BOTTOM = 52, 12, 20, 44
 _FARTHEST: Final = 3.0
 """Performance profiles end at so many times the best J."""
 
@@ -19,8 +20,8 @@ class Line:
     """One curve."""
 
     method: str
-    points: str
-    """As SVG's polyline takes them."""
+    pieces: tuple[str, ...]
+    """As SVG's polylines take them; broken where the figures may not be compared."""
     dots: tuple[tuple[float, float, str], ...] = ()
     """Places that stand for measurements, and what they say."""
 
@@ -35,6 +36,8 @@ class Chart:
     x_ticks: tuple[tuple[float, str], ...]
     y_ticks: tuple[tuple[float, str], ...]
     lines: tuple[Line, ...]
+    breaks: tuple[float, ...] = ()
+    """Places on the x-axis between runs over different logs."""
     marks: tuple[tuple[float, str], ...] = ()
     """Places on the x-axis of runs that failed, and their names."""
     width: int = WIDTH
@@ -67,7 +70,7 @@ def profile_chart(profiles: Mapping[str, Sequence[float]]) -> Chart | None:
     high = min(max(1.02 + 1.02 * (largest - 1.0), 1.05), _FARTHEST)
     x = _Scale(low=1.0, high=high, start=_LEFT, end=WIDTH - _RIGHT)
     y = _Scale(low=0.0, high=1.0, start=HEIGHT - _BOTTOM, end=_TOP)
-    lines = [Line(method=name, points=_steps(ratios, high, x, y)) for name, ratios in profiles.items()]
+    lines = [Line(method=name, pieces=(_steps(ratios, high, x, y),)) for name, ratios in profiles.items()]
     return Chart(
         title="Performance profiles",
         x_label="J over the best method's J",
@@ -92,31 +95,53 @@ def _steps(ratios: Sequence[float], high: float, x: _Scale, y: _Scale) -> str:
     return _path(corners)
 
 
-def trend_chart(points: Sequence[Point], quantity: str) -> Chart | None:
-    """A quantity of each method over the runs: `ratio` (J over the recorded J) or `wall_s` (median time, log scale)."""
-    values: list[Mapping[str, float]] = [getattr(point, quantity) for point in points]
-    logarithmic = quantity == "wall_s"
-    known = [_place(v, logarithmic) for entry in values for v in entry.values() if v > 0.0 or not logarithmic]
+def drift_chart(points: Sequence[Point]) -> Chart | None:
+    """How far each method's J over the recorded J is from the first run's over the same logs [%]."""
+    first: dict[tuple[str, str], float] = {}
+    values = [
+        {
+            name: 100.0 * (ratio / first.setdefault((at.comparable, name), ratio) - 1.0)
+            for name, ratio in at.ratio.items()
+        }
+        for at in points
+    ]
+    return _trend(points, values, title="J against the first run", y_label="change of J [%]", logarithmic=False)
+
+
+def time_chart(points: Sequence[Point]) -> Chart | None:
+    """The median time of each method, on a logarithmic scale."""
+    values = [{name: time for name, time in at.wall_s.items() if time > 0.0} for at in points]
+    return _trend(points, values, title="Median time", y_label="median wall time [s]", logarithmic=True)
+
+
+def _trend(
+    points: Sequence[Point], values: Sequence[Mapping[str, float]], *, title: str, y_label: str, logarithmic: bool
+) -> Chart | None:
+    """A quantity of each method over the runs; None where there is only one run."""
+    known = [_place(value, logarithmic) for entry in values for value in entry.values()]
     if len(points) < 2 or not known:
         return None
     low, high = _padded(min(known), max(known))
     x = _Scale(low=0.0, high=len(points) - 1.0, start=_LEFT + 8, end=WIDTH - _RIGHT - 8)
     y = _Scale(low=low, high=high, start=HEIGHT - _BOTTOM, end=_TOP)
+    stretches = [list(indices) for _, indices in itertools.groupby(range(len(points)), lambda i: points[i].comparable)]
     lines = []
     for name in dict.fromkeys(name for entry in values for name in entry):
-        dots = [
-            (x(i), y(_place(entry[name], logarithmic)), f"{points[i].name}: {name} {shown(entry[name], 5)}")
+        dots = {
+            i: (x(i), y(_place(entry[name], logarithmic)), f"{points[i].name}: {name} {shown(entry[name], 4)}")
             for i, entry in enumerate(values)
-            if name in entry and (entry[name] > 0.0 or not logarithmic)
-        ]
-        lines.append(Line(method=name, points=_path([(a, b) for a, b, _ in dots]), dots=tuple(dots)))
+            if name in entry
+        }
+        pieces = [_path([dots[i][:2] for i in stretch if i in dots]) for stretch in stretches]
+        lines.append(Line(method=name, pieces=tuple(filter(None, pieces)), dots=tuple(dots.values())))
     return Chart(
-        title="Median time" if logarithmic else "J over the recorded J",
+        title=title,
         x_label="run",
-        y_label="median wall time [s]" if logarithmic else "J / recorded J",
+        y_label=y_label,
         x_ticks=tuple((x(i), points[i].created[:10] or points[i].name[:10]) for i in _chosen(len(points))),
         y_ticks=tuple((y(place), text) for place, text in _y_ticks(low, high, logarithmic)),
         lines=tuple(lines),
+        breaks=tuple(x(stretch[0] - 0.5) for stretch in stretches[1:]),
         marks=tuple((x(i), point.name) for i, point in enumerate(points) if point.state == "failed"),
     )
 
@@ -127,7 +152,7 @@ def _place(value: float, logarithmic: bool) -> float:
 
 def _padded(low: float, high: float) -> tuple[float, float]:
     """A range with some room at both ends; never empty."""
-    room = max(0.06 * (high - low), 1e-3 * max(abs(low), abs(high), 1.0))
+    room = max(0.06 * (high - low), 0.05)
     return low - room, high + room
 
 
@@ -141,8 +166,8 @@ def _y_ticks(low: float, high: float, logarithmic: bool) -> list[tuple[float, st
 
 
 def _chosen(count: int) -> list[int]:
-    """At most four runs whose dates are written, the first and last among them."""
-    return sorted({round(k * (count - 1) / 3) for k in range(4)}) if count > 4 else list(range(count))
+    """At most three runs whose dates are written, the first and last among them."""
+    return sorted({round(k * (count - 1) / 2) for k in range(3)})
 
 
 def ticks(low: float, high: float, most: int = 6) -> list[float]:

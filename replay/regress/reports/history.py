@@ -1,5 +1,6 @@
 """The trend over the last runs, read from the folder in which runs are kept."""
 
+import contextlib
 import hashlib
 import os
 import pathlib
@@ -32,7 +33,7 @@ class Point:
     state: str
     logs: int
     comparable: str
-    """Runs may be joined by a line where this is the same: the logs that were worked on."""
+    """Figures may be compared where this is the same: the logs that were worked on."""
     ratio: Mapping[str, float]
     """Geometric mean of J over the recorded J, by method [-]."""
     wall_s: Mapping[str, float]
@@ -61,13 +62,13 @@ def fingerprint(run: RunData) -> str:
 
 
 def trend(run: RunData, history: pathlib.Path) -> list[Point]:
-    """The last complete runs over the same logs up to this one, the oldest first; this one is the last."""
+    """The last runs over a whole corpus that came to their end, the oldest first, and this one as the last."""
     here = point(run)
     names = sorted(name for name in _folders(history) if name < run.name)
     before: list[Point] = []
     for name in reversed(names):
         found = _past(history / name)
-        if found is not None and found.comparable == here.comparable and found.created <= here.created:
+        if found is not None:
             before.append(found)
         if len(before) == MOST_RUNS - 1:
             break
@@ -83,22 +84,22 @@ def _folders(history: pathlib.Path) -> Iterable[str]:
 
 
 def _past(folder: pathlib.Path) -> Point | None:
-    """An earlier run from its summary, or from its results where it has none. None if it was not finished."""
-    try:
+    """An earlier run from its summary, or from its results where it has none; None unless it was whole."""
+    with contextlib.suppress(JsonError, Malformed):
         return _stored(read_json(folder / SUMMARY, _LARGEST_SUMMARY))
-    except (JsonError, Malformed):
-        pass
     try:
         run = read_run(folder)
     except ReplayError:
         return None
-    return point(run) if run.complete else None
+    return point(run) if run.complete and not run.partial else None
 
 
 def _stored(document: Any) -> Point:
-    """A point from a summary. Raises Malformed for what is none of a complete run."""
-    if not isinstance(document, Mapping) or document.get("schema") != SUMMARY_SCHEMA or not document.get("complete"):
-        raise Malformed("not the summary of a complete run")
+    """A point from a summary. Raises Malformed for what is none of a whole run."""
+    if not isinstance(document, Mapping) or document.get("schema") != SUMMARY_SCHEMA:
+        raise Malformed("not a summary")
+    if not document.get("complete") or document.get("partial"):
+        raise Malformed("not of a whole run")
     entry = fields.mapping(document, "trend")
     return Point(
         name=fields.text(entry, "name"),

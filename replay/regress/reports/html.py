@@ -9,7 +9,7 @@ from typing import Any, Final
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from replay.regress.reports import page_data
-from replay.regress.reports.charts import Chart, profile_chart, trend_chart
+from replay.regress.reports.charts import Chart, drift_chart, profile_chart, time_chart
 from replay.regress.reports.facts import by_class, by_method, headline, profiles, state, tally
 from replay.regress.reports.groups import gravest, groups
 from replay.regress.reports.history import Point
@@ -86,7 +86,7 @@ class _Look:
 
 
 def _charts(run: RunData, trend: Sequence[Point]) -> list[Chart]:
-    charts = (profile_chart(profiles(run)), trend_chart(trend, "ratio"), trend_chart(trend, "wall_s"))
+    charts = (profile_chart(profiles(run)), drift_chart(trend), time_chart(trend))
     return [chart for chart in charts if chart is not None]
 
 
