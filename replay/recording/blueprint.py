@@ -72,7 +72,7 @@ def _of(track: Track, *parts: str) -> list[str]:
     return [entity("scene", track.name, part) + ("/**" if part in nested else "") for part in parts]
 
 
-def _everything() -> rrb.TimeAxis:
+def everything() -> rrb.TimeAxis:
     """All of the timeline: unless told so, the viewer shows 1000 steps either side of the cursor."""
     whole = rr.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
     return rrb.TimeAxis(view_range=whole)
@@ -84,7 +84,7 @@ def _plot(
     return rrb.TimeSeriesView(
         origin=origin,
         name=plain(title),
-        axis_x=_everything(),
+        axis_x=everything(),
         axis_y=rrb.ScalarAxis(range=y_range) if y_range else None,
         plot_legend=rrb.PlotLegend(legend, visible=legend is not None),
     )
@@ -157,7 +157,7 @@ def _panel_title(track: Track) -> str:
 def _signals(content: Content) -> rrb.Vertical:
     signals = _signals_of(content, "clearance_m", "steering_deg", "curvature_per_m", "hitch_deg")
     plots = rrb.Grid(*signals, grid_columns=2)
-    gear = rrb.StateTimelineView(origin="/gear", name="Gear: forward or reverse", time_view=_everything())
+    gear = rrb.StateTimelineView(origin="/gear", name="Gear: forward or reverse", time_view=everything())
     paths = sum(track.is_own for track in content.tracks)
     return rrb.Vertical(plots, gear, row_shares=[6.0, 0.7 + 0.5 * paths], name="Signals")
 
