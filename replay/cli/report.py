@@ -7,6 +7,8 @@ from cyclopts import Parameter
 
 from replay.cli.console import Common, Voice
 from replay.cli.usage import ExitStatus
+from replay.errors import ReplayError
+from replay.files import WRITE_ERROR
 from replay.regress.reports import make_report
 from replay.regress.reports.facts import ranked, state
 from replay.regress.reports.junit import explained
@@ -24,7 +26,8 @@ def report(
 ) -> int:
     """Make the reports of a regression run again from its files: HTML, JUnit XML, Markdown, Parquet, a JSON summary.
 
-    Exit status 1 if the run shows a regression, 3 if it is unfinished, or some of its logs or files could not be read.
+    Exit status 1 if the run shows a regression or a report cannot be written, 3 if the run is unfinished or some of
+    its logs or files could not be read.
 
     Parameters
     ----------
@@ -34,7 +37,13 @@ def report(
         Folder of the runs from which the trend is read; by default the one in which the run is.
     """
     voice = Voice(common or Common())
-    made = make_report(run, history)
+    try:
+        made = make_report(run, history)
+    except ReplayError as error:
+        if error.code != WRITE_ERROR:
+            raise
+        voice.error(str(error))
+        return ExitStatus.SHORT
     status = _status(made.run)
     voice.show(str(made.summary["headline"]))
     changes = ranked(made.run.failing)

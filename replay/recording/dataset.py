@@ -26,7 +26,7 @@ from replay.recording.writing import APPLICATION
 LOOPBACK: Final = "127.0.0.1"
 DATASET_ERROR: Final = "E_DATASET"
 _PROPERTY: Final = "property:replay:"
-_STOP_S: Final = 3.0
+_STOP_S: Final = 1.5
 """The server waits for viewers to leave; it is left to itself after so long [s]."""
 
 
