@@ -124,3 +124,26 @@ def write_run(
         document = {"schema": "replay.verdicts/1", "verdicts": list(verdicts)}
         (folder / "verdicts.json").write_text(json.dumps(document))
     return folder
+
+
+def logs(count: int = 8) -> list[dict[str, Any]]:
+    return [log(f"{CLASSES[i % 4]}_{i:02d}", i) for i in range(count)]
+
+
+def regressed(folder: pathlib.Path) -> pathlib.Path:
+    """A run in which scp is 0.5 % worse on both narrow logs, one method crashed, and one issue is known."""
+    found = logs()
+    verdicts = unchanged(found)
+    for entry in (found[1], found[5]):
+        (scp,) = (m for m in entry["cases"][0]["methods"] if m["name"] == "scp")
+        before = scp["metrics"]["objective"]
+        scp["metrics"]["objective"] = 1.005 * before
+        scp["recording"] = f"recordings/{entry['log']}.rrd"
+        verdicts.append(verdict(entry["log"], "scp", "objective", "worse", before, 1.005 * before))
+    crash = verdict(found[4]["log"], "nlp", "status", "crashed", "improved", "failed", rel_tol=None, abs_tol=None)
+    verdicts.append(crash)
+    verdicts.append(verdict(found[3]["log"], "cpo", "cusps", "known", 1.0, 2.0, note="being looked at"))
+    run = write_run(folder, found, verdicts)
+    for entry in (found[1], found[5]):
+        (run / "recordings" / f"{entry['log']}.rrd").write_bytes(b"made by the test")
+    return run

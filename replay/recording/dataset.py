@@ -5,6 +5,7 @@ file does not count for a dataset; one that fits all recordings is registered wi
 """
 
 import contextlib
+import importlib.util
 import math
 import pathlib
 import tempfile
@@ -75,12 +76,10 @@ def served(name: str, files: Sequence[pathlib.Path], port: int = 0) -> Iterator[
 
 
 def _require_catalog() -> None:
-    try:
-        import datafusion  # noqa: F401 - what Rerun's catalog client needs
-    except ImportError:
+    if importlib.util.find_spec("datafusion") is None:  # what Rerun's catalog client needs
         raise ReplayError(
             DATASET_ERROR, "serving recordings needs Rerun's catalog: pip install 'truck-trailer-replay[view]'"
-        ) from None
+        )
 
 
 def _whole(files: Sequence[pathlib.Path]) -> tuple[list[pathlib.Path], list[str]]:
