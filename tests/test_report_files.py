@@ -64,7 +64,7 @@ def test_junit_has_one_case_for_each_result_and_failures_name_what_decided(faile
 
 def test_junit_counts_results_that_are_missing_and_logs_that_cannot_be_read(tmp_path):
     bad = maker.log("odd_01", 1, error="odd_01.mcap: no map [E_NO_MAP]", cases=[])
-    refused = maker.log("odd_02", 2, error="odd_02.mcap: cut [E_CUT]", expect="refused", cases=[])
+    refused = maker.log("odd_02", 2, error="odd_02.mcap: cut [E_CUT]", expect="E_CUT", cases=[])
     gone = maker.verdict("open_99", "scp", "", "missing", None, None)
     run = read_run(maker.write_run(tmp_path / "run", [bad, refused], [gone]))
     root = ET.fromstring(junit(run))
@@ -221,8 +221,10 @@ def test_a_log_that_could_not_be_read_unexpectedly_is_another_status(call, tmp_p
     found = maker.logs(1)
     run = maker.write_run(tmp_path / "a", [*found, bad], maker.unchanged(found))
     assert call("report", run)[0] == 3
-    expected = maker.write_run(tmp_path / "b", [*found, bad | {"expect": "refused"}], maker.unchanged(found))
+    expected = maker.write_run(tmp_path / "b", [*found, bad | {"expect": "E_NO_MAP"}], maker.unchanged(found))
     assert call("report", expected)[0] == 0
+    another = maker.write_run(tmp_path / "c", [*found, bad | {"expect": "E_CUT"}], maker.unchanged(found))
+    assert call("report", another)[0] == 3
 
 
 def test_no_run_is_one_line_and_status_2(call, tmp_path):

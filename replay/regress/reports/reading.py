@@ -5,7 +5,7 @@ import pathlib
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 
-from replay.errors import ReplayError, printable
+from replay.errors import ERROR_LENGTH, ReplayError, printable
 from replay.regress.reports import fields
 from replay.regress.reports.fields import Malformed
 from replay.regress.reports.model import VERDICTS, Change, LogError, Row, RunData
@@ -16,6 +16,8 @@ RUN_SCHEMA, LOG_SCHEMA, VERDICTS_SCHEMA = "replay.run/1", "replay.run.log/1", "r
 LARGEST_LOG = 64 * 2**20
 LARGEST_VERDICTS = 512 * 2**20
 """Largest files that are read [bytes]."""
+_LONGEST_ERROR = ERROR_LENGTH + 100
+"""Characters; an error is not cut, for its end is its code."""
 _T = TypeVar("_T")
 
 
@@ -102,10 +104,19 @@ def _tolerant(
 def _log(folder: pathlib.Path, data: Mapping[str, Any]) -> tuple[list[Row], list[LogError]]:
     kind = fields.text(data, "class", "")
     if data.get("error") is not None:
-        error = fields.text(data, "error", limit=fields.LONGEST_TEXT)
-        expected = data.get("expect") in ("error", "refused")
+        error = _error(data)
+        expect = fields.text(data, "expect", "")
+        expected = expect.startswith("E_") and error.endswith(f"[{expect}]")
         return [], [LogError(log=fields.text(data, "log"), kind=kind, error=error, expected=expected)]
     return [row for case in fields.entries(data, "cases") for row in _rows(folder, data, case)], []
+
+
+def _error(data: Mapping[str, Any]) -> str:
+    """The line that ends in its code, such as `[E_NO_MAP]`."""
+    error = data["error"]
+    if isinstance(error, Mapping):
+        return f"{fields.text(error, 'message', limit=fields.LONGEST_TEXT)} [{fields.text(error, 'code', '')}]"
+    return fields.text(data, "error", limit=_LONGEST_ERROR)
 
 
 def _rows(folder: pathlib.Path, log: Mapping[str, Any], case: Mapping[str, Any]) -> Iterator[Row]:
