@@ -41,7 +41,7 @@ def log_with(payload: bytes) -> bytes:
 def rewritten(payload: bytes) -> bytes:
     data = log_with(payload)
     found = vehicle_message(data)
-    assert found == payload
+    assert found is not None and found == payload
     return with_vehicle(data, found)
 
 
