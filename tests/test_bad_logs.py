@@ -41,7 +41,8 @@ def log_with(payload: bytes) -> bytes:
 def rewritten(payload: bytes) -> bytes:
     data = log_with(payload)
     found = vehicle_message(data)
-    assert found is not None and found == payload
+    assert found is not None
+    assert found == payload
     return with_vehicle(data, found)
 
 
