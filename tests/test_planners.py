@@ -13,6 +13,8 @@ from optim.vehicle import Vehicle, state_from_flat
 from replay.results import path_to_document, scene_to_document
 from tools.corpus.rrt import Search
 from tools.corpus.site import Area, Wall
+from tools.planners.closed_loop import ClosedLoopTree
+from tools.planners.drive_kernels import drive
 from tools.planners.exact_tree import ExactTree
 from tools.planners.hybrid import HybridAStar, way_round
 from tools.planners.protocol import Planner, Task
@@ -21,10 +23,12 @@ VEHICLE = Vehicle()
 OUTLINE = [[-40.0, -20.0], [40.0, -20.0], [40.0, 20.0], [-40.0, 20.0]]
 PLANNERS: dict[str, Planner] = {
     "tree": ExactTree(),
+    "closed loop": ClosedLoopTree(table_half=5),
     "hybrid": HybridAStar(table_half=5),
 }
 BOUNDED: dict[str, Planner] = {
     "tree": ExactTree(search=Search(max_iterations=40)),
+    "closed loop": ClosedLoopTree(table_half=5, max_iterations=60),
     "hybrid": HybridAStar(table_half=5, max_nodes=2000),
 }
 
@@ -90,3 +94,40 @@ def test_the_way_round_obstacles_is_as_long_as_the_plane_asks() -> None:
     i, j = int((start[0] - x0) / size), int((start[1] - y0) / size)
     assert direct < least - 2.0 < field[i, j] < 1.09 * least + 4.0
     assert field[int((0.0 - x0) / size), int((0.0 - y0) / size)] == np.inf, "inside the wall"
+
+
+def driven(gear: int, offset: float, turn: float, alpha: float, spare: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """States and steering of a closed-loop drive of 60 m along the x axis from beside it."""
+    heading = turn - alpha if gear < 0 else turn
+    l_t = VEHICLE.hitch_to_axle
+    start = np.array([0.0, offset, heading, alpha])
+    far = (gear * 200.0, 0.0, 0.0)
+    options = ClosedLoopTree()
+    look = options.look_ahead if gear > 0 else options.look_behind
+    law = (look * l_t, options.settle * l_t, 0.6 * VEHICLE.max_kappa, spare * VEHICLE.max_steer)
+    limits = (VEHICLE.max_hitch, VEHICLE.max_steer_rate)
+    s, states, phi = np.empty(602), np.empty((602, 4)), np.empty(602)
+    count = drive(start, 0.0, False, float(gear), far, 60.0, 0.1, law, limits, VEHICLE.kinematics, s, states, phi)
+    return states[:count], phi[:count]
+
+
+@pytest.mark.parametrize("gear", [1, -1])
+@pytest.mark.parametrize(("offset", "turn", "alpha"), [(3.0, 0.0, 0.0), (-2.0, 0.4, 0.3), (0.0, -0.5, -0.5)])
+def test_the_controller_brings_the_combination_to_its_line_in_either_gear(
+    gear: int, offset: float, turn: float, alpha: float
+) -> None:
+    states, phi = driven(gear, offset, turn, alpha)
+    assert len(states) == 601
+    heading = states[:, 2] + states[:, 3]
+    axle = states[:, 1] - VEHICLE.hitch_to_axle * np.sin(heading)
+    assert abs(states[-1, 3]) < 0.05, "the hitch has settled"
+    assert abs(heading[-1]) < 0.04
+    assert abs(axle[-1]) < 0.2
+    assert np.abs(np.diff(phi)).max() <= 0.1 * VEHICLE.max_steer_rate + 1e-12
+    assert np.abs(phi).max() <= VEHICLE.max_steer
+
+
+def test_without_the_controller_a_reverse_drive_folds_up() -> None:
+    states, _ = driven(-1, 0.0, 0.0, 0.1, spare=0.0)  # steering stays straight
+    assert len(states) < 400
+    assert abs(states[-1, 3]) > 0.9 * VEHICLE.max_hitch
