@@ -247,9 +247,8 @@ def layer_of_results(document: Mapping[str, Any], source: str) -> Layer:
     for limit, stored in (("time_limit", "time_s"), ("memory_limit", "memory_mib")):
         if limits.get(stored) is not None:
             layer[RUN][limit] = _option(RUN, limit, limits[stored], where)[1]
-    layer[READ] = dict(
-        _option(READ, *item, where) for item in reading.items() if item[0] != "vehicle" and item[1] is not None
-    )
+    known = {name: value for name, value in reading.items() if name != "vehicle" and value is not None}
+    layer[READ] = {name: _option(READ, name, value, where)[1] for name, value in known.items()}
     if reading.get("vehicle") is not None:
         layer[READ]["vehicle"] = _vehicle(reading["vehicle"], where)
     layer[WEIGHTS] = {name: _option(WEIGHTS, name, value, where)[1] for name, value in document["weights"].items()}
