@@ -1,4 +1,4 @@
-"""Results of real logs, spoiled in many ways: the audit rejects each by the check meant for it, and needs every check."""
+"""Sound claims, spoiled in many ways: the audit rejects each by the check meant for it, and needs every check."""
 
 import dataclasses
 import json
