@@ -16,6 +16,7 @@ from replay.case import Case, ReadReport
 from replay.errors import LogError, printable
 from replay.logs.checks import check_ends, check_fit, check_recorded, deviation
 from replay.logs.container import scan
+from replay.logs.content import PoseSeries
 from replay.logs.maps import LogMap, Maps, frame_name
 from replay.logs.options import ReadOptions
 from replay.logs.pairing import TOLERANCE, hitch_angles, hitch_misfit, trailer_at_poses
@@ -23,7 +24,7 @@ from replay.logs.planar import Refusal
 from replay.logs.poses import RecordedPoses, kept_indices, recorded_poses, to_plane
 from replay.logs.records import Log
 from replay.logs.roles import truck_and_trailer
-from replay.logs.ros2 import PoseSeries
+from replay.logs.stated import at_rear_axle, reference_offset, start_direction, steer_notes, with_stated_gears
 from replay.logs.topics import Topic, choose_map, choose_paths, is_wanted, refused, topics_of
 from replay.logs.vehicle import nodes_of, vehicle_of
 
@@ -51,6 +52,7 @@ def read_cases(path: str | os.PathLike[str], options: ReadOptions | None = None)
         vehicle,
         truck_chosen=options.path_topic is not None,
         trailer_chosen=options.trailer_topic is not None,
+        offset=reference_offset(vehicle, options),
     )
     reader = _Reader(log, options, vehicle, maps, truck, trailer, (*log.warnings, *notes))
     return reader.cases()
@@ -138,7 +140,9 @@ class _Reader:
     def _understood(self, request: _Request, number: int, log_map: LogMap, notes: list[str]) -> Case:
         frame = _common_frame(request, log_map, self.maps.topic)
         plane, planar_notes = to_plane(request.series, log_map.centre)
-        recorded = recorded_poses(plane, self.options.start_direction)
+        plane = at_rear_axle(plane, reference_offset(self.vehicle, self.options))
+        recorded = recorded_poses(plane, start_direction(request.series, self.options))
+        recorded = with_stated_gears(recorded, request.series)
         alpha = self._hitch(request, plane, recorded, log_map.centre)
         fit = self._fit(recorded, alpha)
         log_map.check_under(self.vehicle, _states(fit))
@@ -152,6 +156,7 @@ class _Reader:
         )
         check_ends(problem, log_map.hint, alpha is None)
         checks = check_recorded(problem, recorded, fit, alpha, log_map.hint)
+        checks += steer_notes(recorded, fit, request.series)
         all_notes = (*notes, *log_map.notes, *planar_notes, *recorded.notes, *node_notes, *checks)
         off, turned = deviation(plane, recorded, fit)
         read = ReadReport(
@@ -221,7 +226,7 @@ def _states(fit: Fit) -> Array:
 
 def _common_frame(request: _Request, log_map: LogMap, map_topic: Topic) -> str:
     """The frame of map and path. Raises Refusal (E_FRAME) unless there is one."""
-    expected = log_map.scene.frame
+    expected = frame_name(request.series.header.frame) if log_map.headless else log_map.scene.frame
     named = {request.series.header.frame, *(request.series.frames - {""})}
     if request.trailer is not None:
         named |= {request.trailer.header.frame, *(request.trailer.frames - {""})}

@@ -7,8 +7,8 @@ import numpy as np
 
 from optim.arrays import Array
 from replay.errors import printable
+from replay.logs.content import Marker
 from replay.logs.planar import NORM_REFUSED, Refusal, rotation
-from replay.logs.ros2 import Marker
 
 CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST, CUBE_LIST = 1, 2, 3, 4, 5, 6
 TRIANGLE_LIST = 11

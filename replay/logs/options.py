@@ -26,6 +26,10 @@ class ReadOptions:
     """Markers wholly above this height are no obstacles [m]."""
     initial_hitch: float = 0.0
     """Hitch angle at the first pose, where the log does not give it [rad]."""
+    reference: Literal["rear-axle", "centre", "front-axle"] = "rear-axle"
+    """Point of the truck that the poses of its path are of."""
+    reference_offset: float = 0.0
+    """How far ahead of that point they are [m]."""
     start_direction: Literal[1, -1] = 1
     """Gear of the first metre, where the log has no headings: 1 forward, -1 reverse."""
     margin: float = 0.1
@@ -42,5 +46,9 @@ class ReadOptions:
             raise ValueError(f"height is {self.height} m, expected a positive number")
         if self.unknown not in ("obstacle", "free"):
             raise ValueError(f"unknown is {self.unknown!r}, expected 'obstacle' or 'free'")
+        if self.reference not in ("rear-axle", "centre", "front-axle"):
+            raise ValueError(f"reference is {self.reference!r}, expected 'rear-axle', 'centre' or 'front-axle'")
+        if not abs(self.reference_offset) <= 30.0:
+            raise ValueError(f"reference_offset is {self.reference_offset} m, expected at most 30 in size")
         if self.start_direction not in (1, -1):
             raise ValueError(f"start_direction is {self.start_direction!r}, expected 1 or -1")
