@@ -30,8 +30,8 @@ atheris: Any = importlib.import_module("atheris")
 with atheris.instrument_imports(include=["replay"]):
     from replay.errors import ReplayError
     from replay.logs.assemble import read_cases
-    from replay.logs.content import PayloadError
     from replay.logs.container import scan
+    from replay.logs.content import PayloadError
     from replay.logs.layout import LayoutError, matching_layout
     from replay.logs.planar import Refusal
     from replay.logs.records import Metadata

@@ -1,5 +1,6 @@
 """The map at a moment of the log, as a scene; each distinct map is built once."""
 
+import dataclasses
 import hashlib
 from bisect import bisect_right
 from collections.abc import Callable
@@ -11,7 +12,8 @@ from optim.arrays import Array
 from optim.scene import Scene, make_scene
 from optim.vehicle import Vehicle
 from replay.case import MapImage
-from replay.logs.content import Grid, Ring
+from replay.logs.content import Grid, Marker, Ring
+from replay.logs.frames import Frames, frame_name
 from replay.logs.grid import cells_at, check_under_path, grid_polygons, map_image, outline
 from replay.logs.markers import MAX_POLYGONS, Markers, apply_markers, marker_polygons
 from replay.logs.options import ReadOptions
@@ -50,8 +52,9 @@ class LogMap:
 class Maps:
     """The messages of the map's topic."""
 
-    def __init__(self, topic: Topic, options: ReadOptions) -> None:
+    def __init__(self, topic: Topic, options: ReadOptions, frames: Frames) -> None:
         self.topic = topic
+        self.frames = frames
         self.options = options
         self._times = [message.log_time for message in topic.messages]
         self._built: dict[object, LogMap] = {}
@@ -109,20 +112,34 @@ class Maps:
         return self._once(index, index, lambda: self._build_markers(state))
 
     def _build_markers(self, state: Markers) -> LogMap:
-        frames = sorted({frame_name(marker.header.frame) for marker in state.values()})
-        if len(frames) > 1:
-            raise Refusal("E_FRAME", f"its markers are in several frames: {', '.join(map(repr, frames[:5]))}")
         if not state:
             raise Refusal("E_NO_MAP", "all its markers are deleted at that time")
-        polygons, notes = marker_polygons(state.values(), self.options.height)
+        frame, every = self._markers_in_one_frame(list(state.values()))
+        polygons, notes = marker_polygons(every, self.options.height)
         points = np.concatenate(polygons) if polygons else np.zeros((1, 2))
         return LogMap(
-            scene=make_scene(polygons, frame=frames[0]),
+            scene=make_scene(polygons, frame=frame),
             image=None,
             centre=(points.min(axis=0) + points.max(axis=0)) / 2.0,
             notes=tuple(notes if polygons else [*notes, "the map has no obstacles"]),
             options=self.options,
         )
+
+    def _markers_in_one_frame(self, markers: list[Marker]) -> tuple[str, list[Marker]]:
+        """All markers in the frame of most of them."""
+        named = [frame_name(marker.header.frame) for marker in markers]
+        frame = max(sorted(set(named)), key=named.count)
+        if len(set(named)) == 1:
+            return frame, markers
+        try:
+            moved = [
+                self.frames.moved(_unit(each.pose)[None], name, frame)[0]
+                for each, name in zip(markers, named, strict=True)
+            ]
+        except Refusal as error:
+            listed = ", ".join(map(repr, sorted(set(named))[:5]))
+            raise Refusal("E_FRAME", f"its markers are in several frames, {listed}: {error}") from None
+        return frame, [dataclasses.replace(each, pose=pose) for each, pose in zip(markers, moved, strict=True)]
 
     def _polygons(self, index: int) -> LogMap:
         if index in self._key_of:
@@ -154,6 +171,11 @@ class Maps:
         )
 
 
+def _unit(pose: Array) -> Array:
+    """A marker's pose; one that was never turned has a quaternion of zeros."""
+    return pose if pose[3:].any() else np.array([*pose[:3], 0.0, 0.0, 0.0, 1.0])
+
+
 def ring_polygons(rings: list[Ring]) -> tuple[list[Array], list[str]]:
     """Outlines (n, 2) of the polygons that have a corner, and notes. Raises Refusal."""
     polygons = []
@@ -169,8 +191,3 @@ def ring_polygons(rings: list[Ring]) -> tuple[list[Array], list[str]]:
         raise Refusal("E_TOO_MANY_SHAPES", f"the map has more than {MAX_POLYGONS} polygons")
     empty = len(rings) - len(polygons)
     return polygons, [f"{empty} polygons are no obstacles: they are empty"] if empty else []
-
-
-def frame_name(frame: str) -> str:
-    """A frame without the leading slash of ROS 1."""
-    return frame.removeprefix("/")

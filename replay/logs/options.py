@@ -16,6 +16,8 @@ class ReadOptions:
     """Topic of the truck's path; needed where it cannot be told."""
     trailer_topic: str | None = None
     """Topic of the trailer axle's path; needed where it cannot be told."""
+    case: int | None = None
+    """Number of the one request that is read, counted from 0; all of them by default."""
     vehicle: Vehicle | None = None
     """Instead of the one in the log."""
     occupied_from: int = 65
@@ -24,6 +26,10 @@ class ReadOptions:
     """What unknown cells, and the world outside an occupancy grid, are."""
     height: float = 4.2
     """Markers wholly above this height are no obstacles [m]."""
+    hitch_joint: str | None = None
+    """Joint whose angle is the hitch's; by default the one whose name says so."""
+    trailer_frame: str | None = None
+    """Frame of the trailer in the log's transforms; by default the one whose name says so."""
     initial_hitch: float = 0.0
     """Hitch angle at the first pose, where the log does not give it [rad]."""
     reference: Literal["rear-axle", "centre", "front-axle"] = "rear-axle"
@@ -44,6 +50,8 @@ class ReadOptions:
             raise ValueError(f"margin is {self.margin} m, expected 0 to 10")
         if not 0.0 < self.height < 1e6:
             raise ValueError(f"height is {self.height} m, expected a positive number")
+        if self.case is not None and self.case < 0:
+            raise ValueError(f"case is {self.case}, expected 0 or more")
         if self.unknown not in ("obstacle", "free"):
             raise ValueError(f"unknown is {self.unknown!r}, expected 'obstacle' or 'free'")
         if self.reference not in ("rear-axle", "centre", "front-axle"):

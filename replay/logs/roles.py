@@ -6,6 +6,7 @@ from optim.arrays import Array
 from optim.vehicle import Vehicle
 from replay.errors import LogError
 from replay.logs.content import PoseSeries
+from replay.logs.frames import Frames, frame_name, in_frame
 from replay.logs.pairing import TOLERANCE, hitch_misfit, trailer_at_poses
 from replay.logs.planar import Refusal
 from replay.logs.poses import recorded_poses, to_plane
@@ -23,7 +24,8 @@ def truck_and_trailer(
     *,
     truck_chosen: bool,
     trailer_chosen: bool,
-    offset: float = 0.0,
+    offset: float,
+    frames: Frames,
 ) -> tuple[Topic, Topic | None]:
     """The truck's topic, and the trailer's if there is one: the pair in which one follows the other on its hitch.
 
@@ -39,7 +41,7 @@ def truck_and_trailer(
     every = [topic for _, topic in sorted({topic.name: topic for topic in (*trucks, *trailers)}.items())]
     if len(every) > MOST_CANDIDATES and not truck_chosen:
         raise _ambiguous(every, "too many to compare")
-    misfits = {(a, b): _misfit(a, b, vehicle, offset) for a in trucks for b in trailers if a is not b}
+    misfits = {(a, b): _misfit(a, b, vehicle, offset, frames) for a in trucks for b in trailers if a is not b}
     fitting = [pair for pair, (misfit, _) in misfits.items() if misfit <= TOLERANCE]
     if len(fitting) == 1:
         return fitting[0]
@@ -67,14 +69,17 @@ def _ambiguous(topics: list[Topic], found: str) -> LogError:
 
 def _first(topic: Topic) -> tuple[PoseSeries, Array]:
     series: PoseSeries = topic.decode(0)
-    centre = series.poses[0, :2] if len(series.poses) else np.zeros(2)
     try:
-        return series, to_plane(series, centre)[0]
+        return series, _plane(series)
     except Refusal as error:
         refused(topic, 0, error)
 
 
-def _misfit(truck: Topic, trailer: Topic, vehicle: Vehicle, offset: float) -> tuple[float, str]:
+def _plane(series: PoseSeries) -> Array:
+    return to_plane(series, series.poses[0, :2] if len(series.poses) else np.zeros(2))[0]
+
+
+def _misfit(truck: Topic, trailer: Topic, vehicle: Vehicle, offset: float, frames: Frames) -> tuple[float, str]:
     """Median distance of the trailer's axle from where the hitch puts it, in the first messages [m].
 
     Infinite where the poses cannot be paired; then the text says why.
@@ -82,6 +87,9 @@ def _misfit(truck: Topic, trailer: Topic, vehicle: Vehicle, offset: float) -> tu
     (series, plane), (trailer_series, trailer_plane) = _first(truck), _first(trailer)
     try:
         plane = at_rear_axle(plane, offset)
+        if trailer_series.header.frame != series.header.frame:
+            moved, _ = in_frame(trailer_series, frame_name(series.header.frame), "the other path", frames)
+            trailer_plane = _plane(moved)
         at = trailer_at_poses(plane, series, trailer_plane, trailer_series, vehicle.hitch_to_axle)
     except Refusal as error:
         return np.inf, str(error)
