@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from replay.logs import ros2
+from replay.logs import foxglove, ros2
 
-Family = ros2.Family
-FAMILIES: Final[Mapping[str, Family]] = ros2.FAMILIES
+Family = ros2.Family | foxglove.Family
+FAMILIES: Final[Mapping[str, Family]] = {**ros2.FAMILIES, **foxglove.FAMILIES}
