@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from optim.problem import Problem
 
+HitchSource = Literal["trailer path", "joint", "transform", "reconstructed"]
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MapImage:
@@ -28,7 +30,7 @@ class ReadReport:
 
     poses: int
     """Poses in the path message, before repeated ones are merged."""
-    hitch: Literal["trailer path", "reconstructed"]
+    hitch: HitchSource
     """Where the hitch angle comes from."""
     max_deviation_m: float
     """Largest distance between a pose of the log and the recorded path [m]."""

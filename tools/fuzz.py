@@ -30,8 +30,8 @@ atheris: Any = importlib.import_module("atheris")
 with atheris.instrument_imports(include=["replay"]):
     from replay.errors import ReplayError
     from replay.logs.assemble import read_cases
-    from replay.logs.cdr import CdrError
     from replay.logs.container import scan
+    from replay.logs.content import PayloadError
     from replay.logs.layout import LayoutError, matching_layout
     from replay.logs.planar import Refusal
     from replay.logs.records import Metadata
@@ -59,10 +59,10 @@ def messages(path: pathlib.Path, data: bytes) -> None:
     families = sorted(FAMILIES)
     name = families[data[0] % len(families)] if data else families[0]
     family = FAMILIES[name]
-    with contextlib.suppress(CdrError):
+    with contextlib.suppress(PayloadError):
         family.decode(data[1:], 0)
     with contextlib.suppress(LayoutError):
-        matching_layout(name, data[1:], family.standards)
+        matching_layout(name, data[1:], family.standards, ("ros2msg", "ros2idl")[data[0] % 2] if data else "ros2msg")
 
 
 def meaning(path: pathlib.Path, data: bytes) -> None:

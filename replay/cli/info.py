@@ -18,6 +18,13 @@ from replay.logs.records import Log
 from replay.results import scene_to_document
 from replay.tables import channels_table, facts_table, gear_changes
 
+_HITCH = {
+    "trailer path": "from the trailer's path",
+    "joint": "from a joint's state",
+    "transform": "from a transform",
+    "reconstructed": "reconstructed by integration",
+}
+
 
 def info(
     logs: list[pathlib.Path],
@@ -81,7 +88,7 @@ def _facts(case: Case) -> dict[str, str]:
     problem, read = case.problem, case.read
     path, scene = problem.recorded, problem.scene
     gears = ", ".join(f"{'forward' if part.direction > 0 else 'reverse'} {part.length:.1f} m" for part in path.segments)
-    hitch = {"trailer path": "from the trailer's path", "reconstructed": "reconstructed by integration"}[read.hitch]
+    hitch = _HITCH[read.hitch]
     deviation = f"{read.max_deviation_m * 1e3:.1f} mm and {math.degrees(read.max_deviation_rad):.2f}°"
     facts = {
         "case": case.name,

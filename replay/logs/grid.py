@@ -7,9 +7,9 @@ from optim.arrays import Array
 from optim.cover import cover_cells
 from optim.vehicle import Vehicle, body_poses
 from replay.case import MapImage
+from replay.logs.content import Grid
 from replay.logs.options import ReadOptions
 from replay.logs.planar import Refusal, planar
-from replay.logs.ros2 import Grid
 
 MAX_CELLS = 64_000_000
 """Most cells of one grid."""

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optim.arrays import Array, IntArray, frozen, frozen_int
+from replay.logs.content import PoseSeries
 from replay.logs.planar import Refusal, planar
-from replay.logs.ros2 import PoseSeries
 
 LARGEST_COORDINATE = 1e6
 """Distance from the map beyond which a pose is no place [m]."""
@@ -91,7 +91,7 @@ def recorded_poses(plane: Array, start_direction: int) -> RecordedPoses:
     rows = _thinned(poses, direction)
     if len(rows) < len(poses):
         notes.append(f"its {len(poses)} poses are closer than {THINNED_TO:g} m; {len(rows)} of them are used")
-        nearest = _nearest_row(poses, rows)[nearest]
+        nearest = nearest_row(poses, rows)[nearest]
         poses, kept, direction = poses[rows], kept[rows], direction[rows[:-1]]
     return RecordedPoses(
         poses=frozen(poses),
@@ -237,7 +237,7 @@ def _travel(poses: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
 
 
-def _nearest_row(poses: Array, rows: IntArray) -> IntArray:
+def nearest_row(poses: Array, rows: IntArray) -> IntArray:
     """For every pose, which of the kept rows is nearest along the path."""
     s = _travel(poses)
     return np.searchsorted((s[rows[1:]] + s[rows[:-1]]) / 2.0, s)

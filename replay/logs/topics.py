@@ -1,22 +1,20 @@
 """Which topics of a log hold the map and the paths, and their messages, decoded."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NoReturn
 
 from replay.errors import LogError, printable
-from replay.logs.cdr import CdrError
-from replay.logs.layout import LayoutError, matching_layout
+from replay.logs.content import MAP_ROLES, PayloadError, Role
+from replay.logs.families import FAMILIES, Family
+from replay.logs.layout import LayoutError
 from replay.logs.planar import Refusal
 from replay.logs.records import Channel, Log, Message
-from replay.logs.ros2 import FAMILIES, Family
-
-MAP_ROLES = ("grid", "markers")
 
 
 def is_wanted(channel: Channel) -> bool:
-    """Whether a channel may hold a map or a path."""
+    """Whether a channel may hold something that is understood."""
     return channel.schema is not None and channel.schema.name in FAMILIES
 
 
@@ -49,32 +47,32 @@ class Topic:
         raise LogError(code, self.log.path, f"{where}: {text}")
 
     @cached_property
-    def layout(self) -> int:
-        """Which standard definition the messages follow. Raises LogError if it is none, or another encoding."""
-        layouts = set()
-        for channel in self.channels:
-            assert channel.schema is not None, "a topic is made of channels with schemas"
-            family, schema = self.family, channel.schema
-            if (channel.encoding, schema.encoding) != (family.encoding, family.schema_encoding):
-                found = f"{channel.encoding[:40]!r} with {schema.encoding[:40]!r} definitions"
-                expected = f"{family.encoding!r} with {family.schema_encoding!r} definitions"
-                self.fail("E_ENCODING", f"its messages are encoded as {found}, expected {expected}")
-            try:
-                layouts.add(matching_layout(self.schema, schema.data, family.standards))
-            except LayoutError as error:
-                self.fail("E_SCHEMA", f"its definition of {self.schema} is not the standard one: {error}")
-        if len(layouts) != 1:
-            self.fail("E_SCHEMA", f"its channels define {self.schema} differently")
-        return layouts.pop()
+    def _readers(self) -> dict[int, Callable[[bytes], Any]]:
+        """What decodes the messages of each channel. Raises LogError for an encoding or definition that is not read."""
+        return {channel.id: self._reader(channel) for channel in self.channels}
+
+    def _reader(self, channel: Channel) -> Callable[[bytes], Any]:
+        schema, family = channel.schema, self.family
+        assert schema is not None, "a topic is made of channels with schemas"
+        encodings = channel.encoding, schema.encoding
+        if encodings not in family.encodings:
+            found = f"{encodings[0][:40]!r} with {encodings[1][:40]!r} definitions"
+            expected = " or ".join(f"{message!r} with {each!r}" for message, each in family.encodings)
+            self.fail("E_ENCODING", f"its messages are encoded as {found}, expected {expected} definitions")
+        try:
+            return family.reader(encodings, schema.data)
+        except LayoutError as error:
+            self.fail("E_SCHEMA", f"its definition of {self.schema} is not the standard one: {error}")
 
     def decode(self, index: int) -> Any:
         """The content of a message, by its place in `messages`. Raises LogError."""
         message = self.messages[index]
         if message.log_time >= 1 << 63:
             self.fail("E_TIME", f"log time {message.log_time} ns is no time", index)
+        read = self._readers[message.channel.id]
         try:
-            return self.family.decode(message.data, self.layout)
-        except CdrError as error:
+            return read(message.data)
+        except PayloadError as error:
             self.fail("E_PAYLOAD", str(error), index)
 
 
@@ -141,7 +139,7 @@ def _named(log: Log, candidates: Sequence[Topic], name: str, option: str) -> Top
     raise LogError("E_NO_TOPIC", log.path, text)
 
 
-def _nothing(log: Log, what: str, roles: Sequence[str]) -> str:
+def _nothing(log: Log, what: str, roles: Sequence[Role]) -> str:
     schemas = ", ".join(name for name, family in FAMILIES.items() if family.role in roles)
     text = f"no {what} in this log; expected messages of {schemas}"
     present = [c for c in log.channels if log.counts.get(c.id)]
