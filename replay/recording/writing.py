@@ -126,6 +126,7 @@ def _log_reports(rec: rr.RecordingStream, run: "Run", tracks: list[Track], best:
     sheets = {
         "summary": summary.summary(run, tracks, best),
         "convergence": summary.convergence_help(tracks),
+        "residuals": summary.residuals_help(),
         "vehicle": summary.vehicle_sheet(run),
         "run": summary.run_sheet(run, _version(), offset),
         "audit": summary.audit_sheet(tracks),
