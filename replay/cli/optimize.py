@@ -44,6 +44,7 @@ def optimize(
     /,
     *,
     out: pathlib.Path = pathlib.Path(),
+    export: Annotated[bool, Parameter(negative=())] = False,
     config: pathlib.Path | None = None,
     set_: Annotated[_List, Parameter(name="--set")] = None,
     from_: Annotated[pathlib.Path | None, Parameter(name="--from")] = None,
@@ -64,6 +65,9 @@ def optimize(
     out
         Folder for the files, made if it is missing: STEM.rrd and STEM.results.json for each log. STEM is the log's
         name; where a log holds several requests, their numbers follow it (STEM-0, STEM-1).
+    export
+        Write STEM.optimised.mcap too: a copy of the log with each method's paths added as nav_msgs/msg/Path, on
+        /replay/METHOD/path (truck) and /replay/METHOD/trailer_path.
     config
         TOML file with options: a table for each method, [weights] and [reading]; method, seed, recording, time_limit
         and memory_limit stand outside of tables.
@@ -91,6 +95,7 @@ def optimize(
         read=settings.read,
         weights=settings.weights,
         seed=settings.run.seed,
+        export=export,
         outputs=Outputs(out, inputs, [from_] if from_ else []),
         recording=settings.run.recording,
         limits=settings.run.limits,
