@@ -22,13 +22,16 @@ from replay.errors import ReplayError
 from replay.files import atomic_write
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from replay.run import Run
+    from replay.style import Style
 
 __all__ = ["write_recording"]
 
 
-def write_recording(run: "Run", path: pathlib.Path) -> None:
-    """Write the run as one .rrd file that opens on its verdict.
+def write_recording(run: "Run", path: pathlib.Path, looks: "Mapping[str, Style] | None" = None) -> None:
+    """Write the run as one .rrd file that opens on its verdict. `looks` are styles by method, if not their own.
 
     The file is written under a temporary name, read back, and only then gets its name: a file of that name is
     whole. Raises ReplayError if it cannot be written; nothing is left of it then.
@@ -37,6 +40,6 @@ def write_recording(run: "Run", path: pathlib.Path) -> None:
 
     with atomic_write(path) as temporary:
         try:
-            write(run, temporary)
+            write(run, temporary, looks)
         except Unwritable as error:
             raise ReplayError("E_RECORDING", f"{path}: cannot be written: {error}") from error
