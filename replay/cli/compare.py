@@ -26,8 +26,8 @@ _ROWS = {
 
 
 def compare(
-    a: str,
-    b: str,
+    a: pathlib.Path,
+    b: pathlib.Path,
     /,
     *,
     out: pathlib.Path | None = None,
@@ -47,7 +47,7 @@ def compare(
     voice = Voice(common or Common())
     if out is not None and out.suffix != ".rrd":
         raise ReplayError("E_USAGE", f"--out {out}: expected the name of a recording, as in --out compared.rrd")
-    comparison = compare_files(a, b)
+    comparison = compare_files(str(a), str(b))
     if out is not None:
         from replay.recording import write_recording  # Rerun takes a second to load
 

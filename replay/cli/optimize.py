@@ -1,8 +1,9 @@
 """`replay optimize`: read logs, run methods, write recordings and results, show the comparison."""
 
+import dataclasses
 import pathlib
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from cyclopts import Group, Parameter
 
@@ -33,7 +34,12 @@ if TYPE_CHECKING:
 else:
     MethodFlags = flags_of(METHODS, "Options of {name}")
     WeightFlags = flags_of({WEIGHTS: Weights()}, "Weights of the objective J")
-    RunFlags = flag_class(options_of(RunOptions()), Group("The run", sort_key=4))
+    # names for the help and for completion; a chain is any text
+    _NAMES = tuple[Literal[tuple(METHODS)] | str, ...] | None
+    RunFlags = flag_class(
+        [dataclasses.replace(o, hint=_NAMES) if o.name == "method" else o for o in options_of(RunOptions())],
+        Group("The run", sort_key=4),
+    )
 
 _FLAT = Parameter(name="*")
 _List = Annotated[list[str] | None, Parameter(negative=())]

@@ -42,7 +42,7 @@ def _verdict(tracks: list[Track], best: Track | None, required: float) -> list[s
     percent = change(before["objective"], after["objective"])
     detail = (
         f"J {cost[0]} → {cost[1]}, {length[0]} → {length[1]} m, "
-        f"{before['cusps']} → {count(after['cusps'], 'gear change')}"
+        f"{before['cusps']:g} → {count(after['cusps'], 'gear change')}"
     )
     asked = f" (required: {number(required)} m)" if math.isfinite(after["min_clearance"]) else ""
     safe = f"✓ Safe: audit passed, {clearance(after)}{asked}"
