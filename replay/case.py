@@ -57,3 +57,5 @@ class Case:
     """None where the map was recorded as shapes."""
     frame: str
     """Coordinate frame of the map and of every path."""
+    time_ns: int = 0
+    """When the path was logged [ns]."""

@@ -1,14 +1,16 @@
 """Pictures of every tab of a recording, taken without a display; fails where the viewer complains.
 
-    python tools/screenshot.py REC.rrd OUTDIR [--size 1920x1080] [--tab NAME]... [--timeline progress --at 700]
+    python tools/screenshot.py REC.rrd OUTDIR [--size 1920x1080] [--tab NAME]... [--check]
+        [--timeline progress --at 700]
 
 Needs a Vulkan driver; Debian's mesa-vulkan-drivers holds one that runs on the processor. Starts a viewer of its own
-on a free port of the loopback interface and ends it again. Exit status: 0 all well; 1 a view reported an error, the
-viewer logged a warning, or it stopped; 2 wrong usage.
+on a free port of the loopback interface and ends it again. With --check, every view must show something. Exit status:
+0 all well; 1 a view reported an error or shows nothing, the viewer logged a warning, or it stopped; 2 wrong usage.
 """
 
 import argparse
 import contextlib
+import io
 import os
 import pathlib
 import re
@@ -20,7 +22,9 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import rerun_cli
+from PIL import Image
 from rerun.experimental import ViewerClient
 
 TOASTS_S = 8.0  # the notices about software rendering cover a corner for so long
@@ -28,6 +32,12 @@ SETTLE_S = 1.0  # for a tab's first frames; text and plots arrive one or two fra
 LOAD_S = 30.0
 EXCUSED = re.compile(r"Software rasteri[sz]er|Docker")
 """What the machine lacks is no fault of the recording."""
+
+LEAST_SHOWN = 0.02
+"""Share of a view's pixels that stand out from its background, below which it shows nothing: at 1280 x 800, views
+without data came to at most 0.015 (grid, axes, a hint), views of sample recordings to at least 0.033."""
+_STANDS_OUT = 30  # in any of red, green, blue, 0 to 255: grid lines do not
+_EDGE = 8  # pixels: the frame of a view that is hovered over or selected
 
 
 @contextlib.contextmanager
@@ -106,6 +116,43 @@ def show(client: ViewerClient, tab: str) -> None:
     client.set_blueprint(plan, of="recording")
 
 
+def views_of(client: ViewerClient, tab: str) -> dict[str, str]:
+    """Identifier and name of each view on a tab."""
+    plan = client.get_blueprint().blueprint
+    found, parts = {}, [tab]
+    while parts:
+        part = parts.pop()
+        entry = plan["/" + part.lstrip("/")]
+        if "ContainerBlueprint" in entry:
+            parts += entry["ContainerBlueprint"]["contents"]
+        else:
+            identifier = part.rpartition("/")[2]
+            found[identifier] = entry["ViewBlueprint"].get("display_name", identifier)
+    return found
+
+
+def share_shown(png: bytes) -> float:
+    """Share of a picture's pixels that stand out from its most frequent colour, its edge left out [-]."""
+    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(np.int16)
+    inner = pixels[_EDGE:-_EDGE, _EDGE:-_EDGE].reshape(-1, 3)
+    if not len(inner):
+        return 0.0
+    colours, counts = np.unique(inner, axis=0, return_counts=True)
+    background = colours[counts.argmax()]
+    return float((np.abs(inner - background).max(axis=1) > _STANDS_OUT).mean())
+
+
+def empty_views(client: ViewerClient, tab: str, least: float) -> list[str]:
+    """One line for each view on the tab in front that shows nothing."""
+    found = []
+    for identifier, name in views_of(client, tab).items():
+        share = share_shown(client.take_screenshot(identifier))
+        print(f"  {share:.3f} of {name!r} stands out")
+        if share < least:
+            found.append(f"view {name}: only {share:.3f} of it stands out from its background, expected {least:g}")
+    return found
+
+
 def _root(plan: dict[str, Any]) -> dict[str, Any]:
     root = plan["/viewport"]["ViewportBlueprint"]["root_container"]
     return plan[f"/container/{root}"]["ContainerBlueprint"]
@@ -134,6 +181,14 @@ def main() -> int:
     parser.add_argument("--tab", action="append", help="only this one; may be repeated")
     parser.add_argument("--timeline", default="progress")
     parser.add_argument("--at", type=int, help="place of the cursor on the timeline; default: its start")
+    parser.add_argument(
+        "--check",
+        type=float,
+        nargs="?",
+        const=LEAST_SHOWN,
+        metavar="SHARE",
+        help=f"fail where less of a view than this stands out from its background ({LEAST_SHOWN})",
+    )
     arguments = parser.parse_args()
     if not arguments.recording.is_file():
         parser.error(f"{arguments.recording} is no file")
@@ -153,6 +208,8 @@ def main() -> int:
             picture = arguments.out / (re.sub(r"\W+", "_", name).strip("_").lower() + ".png")
             picture.write_bytes(client.take_screenshot())
             print(picture)
+            if arguments.check is not None:
+                found += empty_views(client, known[name], arguments.check)
             found += [line for line in complaints(client) if line not in found]
     for line in found:
         print(line, file=sys.stderr)

@@ -1,8 +1,9 @@
 """`replay optimize`: read logs, run methods, write recordings and results, show the comparison."""
 
+import dataclasses
 import pathlib
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from cyclopts import Group, Parameter
 
@@ -33,7 +34,12 @@ if TYPE_CHECKING:
 else:
     MethodFlags = flags_of(METHODS, "Options of {name}")
     WeightFlags = flags_of({WEIGHTS: Weights()}, "Weights of the objective J")
-    RunFlags = flag_class(options_of(RunOptions()), Group("The run", sort_key=4))
+    # names for the help and for completion; a chain is any text
+    _NAMES = tuple[Literal[tuple(METHODS)] | str, ...] | None
+    RunFlags = flag_class(
+        [dataclasses.replace(o, hint=_NAMES) if o.name == "method" else o for o in options_of(RunOptions())],
+        Group("The run", sort_key=4),
+    )
 
 _FLAT = Parameter(name="*")
 _List = Annotated[list[str] | None, Parameter(negative=())]
@@ -44,6 +50,7 @@ def optimize(
     /,
     *,
     out: pathlib.Path = pathlib.Path(),
+    export: Annotated[bool, Parameter(negative=())] = False,
     config: pathlib.Path | None = None,
     set_: Annotated[_List, Parameter(name="--set")] = None,
     from_: Annotated[pathlib.Path | None, Parameter(name="--from")] = None,
@@ -64,6 +71,9 @@ def optimize(
     out
         Folder for the files, made if it is missing: STEM.rrd and STEM.results.json for each log. STEM is the log's
         name; where a log holds several requests, their numbers follow it (STEM-0, STEM-1).
+    export
+        Write STEM.optimised.mcap too: a copy of the log with each method's paths added as nav_msgs/msg/Path, on
+        /replay/METHOD/path (truck) and /replay/METHOD/trailer_path.
     config
         TOML file with options: a table for each method, [weights] and [reading]; method, seed, recording, time_limit
         and memory_limit stand outside of tables.
@@ -91,6 +101,7 @@ def optimize(
         read=settings.read,
         weights=settings.weights,
         seed=settings.run.seed,
+        export=export,
         outputs=Outputs(out, inputs, [from_] if from_ else []),
         recording=settings.run.recording,
         limits=settings.run.limits,

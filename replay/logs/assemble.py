@@ -189,6 +189,7 @@ class _Reader:
             read=read,
             map=log_map.image,
             frame=frame,
+            time_ns=request.log_time,
         )
 
     def _fit(self, recorded: RecordedPoses, hitch: Hitch) -> Fit:

@@ -12,6 +12,9 @@ from replay.logs.layout import LayoutError
 from replay.logs.planar import Refusal
 from replay.logs.records import Channel, Log, Message
 
+EXPORTED = "/replay/"
+"""Where paths are that this program itself has written into a copy of a log."""
+
 
 def is_wanted(channel: Channel) -> bool:
     """Whether a channel may hold something that is understood."""
@@ -113,8 +116,9 @@ def choose_paths(
             text = _nothing(log, "path", ("path",)) + "; some topics refer to schemas that are missing"
             raise LogError("E_NO_SCHEMA", log.path, text)
         raise LogError("E_NO_PATH", log.path, _nothing(log, "path", ("path",)))
-    trailers = candidates if trailer is None else [_named(log, candidates, trailer, "--trailer-topic")]
-    trucks = candidates if truck is None else [_named(log, candidates, truck, "--path-topic")]
+    likely = _beside(candidates, truck)
+    trailers = likely if trailer is None else [_named(log, candidates, trailer, "--trailer-topic")]
+    trucks = likely if truck is None else [_named(log, candidates, truck, "--path-topic")]
     if trailer is not None:
         trucks = [topic for topic in trucks if topic is not trailers[0]]
     if not trucks:
@@ -124,6 +128,14 @@ def choose_paths(
             f"topic {printable(trailer)!r} is the only path; it cannot be the trailer's",
         )
     return trucks, trailers
+
+
+def _beside(candidates: list[Topic], truck: str | None) -> list[Topic]:
+    """Recorded paths, unless an exported one was asked for: then the exported ones of the same method."""
+    folder = truck.rpartition("/")[0] + "/" if truck is not None and truck.startswith(EXPORTED) else ""
+    if folder:
+        return [topic for topic in candidates if topic.name.startswith(folder)] or candidates
+    return [topic for topic in candidates if not topic.name.startswith(EXPORTED)] or candidates
 
 
 def titles(topics: Iterable[Topic]) -> str:

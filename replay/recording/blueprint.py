@@ -12,8 +12,7 @@ from replay.recording.convergence import Plot
 from replay.recording.entities import OUTSIDE, entity
 from replay.recording.picture import Frame
 from replay.recording.signals import limits_of, signals_of
-from replay.recording.summary import clearance
-from replay.recording.text import count, number, plain
+from replay.recording.text import number, plain
 from replay.recording.tracks import Track
 
 _GROUND: Final = ("/scene/map", "/scene/obstacles", "/scene/ends/**")
@@ -90,10 +89,11 @@ def _plot(
     )
 
 
-def _signals_of(content: Content, *names: str) -> list[rrb.TimeSeriesView]:
-    """Plots of those signals that there are; the first one has the legend, which hides data."""
+def _signals_of(content: Content, *names: str, legend: bool) -> list[rrb.TimeSeriesView]:
+    """Plots of those signals that there are; with a legend, which hides data, in the first one or none."""
     names = tuple(name for name in names if name in limits_of(content.problem))
-    return [_signal(content, name, rrb.Corner2D.LeftTop if name == names[0] else None) for name in names]
+    corner = rrb.Corner2D.LeftTop if legend else None
+    return [_signal(content, name, corner if name == names[0] else None) for name in names]
 
 
 def _signal(content: Content, name: str, legend: rrb.Corner2D | None) -> rrb.TimeSeriesView:
@@ -122,9 +122,9 @@ def _overview(content: Content) -> rrb.Horizontal:
     if best is not recorded:
         shown += _of(recorded, "vehicle")
     shown += _of(best, "swept", "vehicle", "whisker", "closest")
-    plots = _signals_of(content, "clearance_m", "steering_deg")
+    plots = _signals_of(content, "clearance_m", "steering_deg", legend=False)  # the plan view has one
     summary = rrb.TextDocumentView(origin="/report/summary", name="Summary")
-    right = rrb.Vertical(summary, *plots, row_shares=[1.8 + 0.12 * len(content.tracks), *(1.0 for _ in plots)])
+    right = rrb.Vertical(summary, *plots, row_shares=[2.4, *(1.0 for _ in plots)])
     title = f"Recorded and improved paths: {_KEY}" if content.best else f"Recorded path: {_KEY}"
     return rrb.Horizontal(_plan(content, title, shown, content.legend), right, column_shares=[11, 9], name="Overview")
 
@@ -145,21 +145,42 @@ def _side_by_side(content: Content) -> rrb.Grid:
 def _panel_title(track: Track) -> str:
     if track.is_own:
         metrics = track.metrics
-        return (
-            f"{track.style.label}: J {number(metrics['objective'], 1)}, {number(metrics['length'], 1)} m, "
-            f"{count(metrics['cusps'], 'gear change')}, {clearance(metrics)}"
-        )
+        free = metrics["min_clearance"]
+        clear = f"clear by {number(free)} m" if math.isfinite(free) else "no obstacles"
+        return f"{track.style.label}: J {number(metrics['objective'], 1)}, {number(metrics['length'], 1)} m, {clear}"
     rejected = track.run is not None and track.run.rejected is not None
-    what = "its path was rejected by the audit" if rejected else track.status
-    return f"{track.style.label}: {what}; the recorded path stands"
+    return f"{track.style.label}: " + (
+        "rejected by the audit" if rejected else f"{track.status}; the recorded path stands"
+    )
 
 
 def _signals(content: Content) -> rrb.Vertical:
-    signals = _signals_of(content, "clearance_m", "steering_deg", "curvature_per_m", "hitch_deg")
+    signals = _signals_of(content, "clearance_m", "steering_deg", "curvature_per_m", "hitch_deg", legend=True)
     plots = rrb.Grid(*signals, grid_columns=2)
-    gear = rrb.StateTimelineView(origin="/gear", name="Gear: forward or reverse", time_view=everything())
-    paths = sum(track.is_own for track in content.tracks)
-    return rrb.Vertical(plots, gear, row_shares=[6.0, 0.7 + 0.5 * paths], name="Signals")
+    shown = _gears(content)
+    gear = rrb.StateTimelineView(
+        origin="/gear",
+        contents=[f"+ {entity('gear', track.name)}" for track in shown],
+        name="Gear: forward or reverse" + ("" if len(shown) == len(content.tracks) else "; where it differs"),
+        time_view=everything(),
+    )
+    return rrb.Vertical(plots, gear, row_shares=[6.0, 0.7 + 0.5 * len(shown)], name="Signals")
+
+
+def _gears(content: Content) -> list[Track]:
+    """The recorded path, the best one, and others whose gears are not those of one before."""
+    recorded, best = content.tracks[0], content.best
+    shown = [recorded] if best is None else [recorded, best]
+    gears = [_directions(track) for track in shown]
+    for track in content.tracks:
+        if track.is_own and track not in shown and _directions(track) not in gears:
+            shown.append(track)
+            gears.append(_directions(track))
+    return shown
+
+
+def _directions(track: Track) -> list[int]:
+    return [segment.direction for segment in track.path.segments]
 
 
 def _convergence(content: Content) -> rrb.Horizontal:
@@ -184,7 +205,9 @@ def _residuals(content: Content) -> rrb.Vertical:
     plots = [_over_iterations(plot, legend=rrb.Corner2D.LeftBottom) for plot in content.residuals]
     half = len(plots) if len(plots) < 4 else (len(plots) + 1) // 2
     rows = [row for row in (plots[:half], plots[half:]) if row]
-    return rrb.Vertical(*(rrb.Horizontal(*row) for row in rows), name="Residuals")
+    help_line = rrb.TextDocumentView(origin="/report/residuals", name="What this shows")
+    shares = [0.3, *(2.0 for _ in rows)]
+    return rrb.Vertical(help_line, *(rrb.Horizontal(*row) for row in rows), row_shares=shares, name="Residuals")
 
 
 def _costs(content: Content, track: Track) -> rrb.Horizontal:
@@ -216,4 +239,4 @@ def _areas(content: Content) -> rrb.Spatial2DView:
 def _details() -> rrb.Horizontal:
     sheets = ("vehicle", "Vehicle and objective"), ("run", "Log and options"), ("audit", "Audit")
     views = [rrb.TextDocumentView(origin=f"/report/{name}", name=title) for name, title in sheets]
-    return rrb.Horizontal(*views, column_shares=[1.0, 1.0, 1.4], name="Vehicle, options, audit")
+    return rrb.Horizontal(*views, column_shares=[0.75, 1.05, 1.6], name="Vehicle, options, audit")

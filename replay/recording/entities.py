@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
+from optim.methods.chain import JOINT
 from replay.recording.text import plain
 from replay.style import Colour
 
@@ -17,8 +18,8 @@ points = rr.Radius.ui_points
 
 
 def entity(*parts: str) -> str:
-    """An entity path from parts of which some come from outside."""
-    return "/" + "/".join(rr.escape_entity_path_part(plain(part)) for part in parts)
+    """An entity path from parts of which some come from outside; a chain's + would be shown escaped, as \\+."""
+    return "/" + "/".join(rr.escape_entity_path_part(plain(part).replace(JOINT, "-")) for part in parts)
 
 
 def image(pixels: np.ndarray, draw_order: float) -> rr.Image:
