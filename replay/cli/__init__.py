@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError, UnknownCommandError
 
+from replay.cli.signals import like_ctrl_c
 from replay.cli.usage import ExitStatus, unknown
 from replay.errors import OutputLost, ReplayError
 from replay.kernels import drop_stale
@@ -30,10 +31,15 @@ _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command, by default the process's own; returns the exit status (see `ExitStatus`)."""
     tokens = list(sys.argv[1:] if arguments is None else arguments)
-    use_one_thread()
-    if tokens and tokens[0] in COMMANDS:
-        drop_stale()
+    with like_ctrl_c() as ending:
+        return ending.status(_run(tokens))
+
+
+def _run(tokens: list[str]) -> int:
     try:
+        use_one_thread()
+        if tokens and tokens[0] in COMMANDS:
+            drop_stale()
         status = make_app()(tokens, exit_on_error=False, print_error=False, result_action="return_value")
     except UnknownCommandError:  # its own text would import every command to name them
         _explain(unknown("command", tokens[0], COMMANDS), tokens)
