@@ -25,7 +25,10 @@ COMMANDS = {
 }
 """The commands and their line in the help; each is the function of its own name in `replay.cli.<name>`."""
 
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+_THREAD_VARIABLES = (
+    *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"),
+    *("NUMEXPR_NUM_THREADS", "NUMBA_NUM_THREADS", "RAYON_NUM_THREADS"),
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -92,12 +95,12 @@ def _version() -> str:
 
 
 def use_one_thread() -> None:
-    """Keep numerical libraries from starting threads: the arrays are small, threads only cost time.
+    """Keep numerical libraries from starting threads, whatever the environment says.
 
-    Takes effect because no command has loaded numpy yet; values that the user has set stay.
+    With other numbers of threads sums are taken in another order, and results differ in their last bits; the arrays
+    are small, so threads would only cost time. Takes effect because no command has loaded numpy yet.
     """
-    for name in _THREAD_VARIABLES:
-        os.environ.setdefault(name, "1")
+    os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
 
 
 def _drop_output() -> None:
