@@ -2,18 +2,20 @@
 
 The child is forked once, and again after it had to be ended or has died; it stays warm between methods. It gets a
 problem and a method, and sends iterates and the outcome back. Ctrl-C is the parent's business: the child ignores it
-and is killed. When the parent dies, the child ends with its next word.
+and is killed. When the parent dies, the system ends the child (Linux), else the child ends with its next word.
 """
 
 import contextlib
+import ctypes
 import io
 import math
 import multiprocessing
+import os
 import pickle
 import signal
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from types import MappingProxyType, TracebackType
@@ -29,6 +31,9 @@ from replay.solving import Solved, solve
 GRACE_S = 2.0
 """Time that a method has to tell its next iterate after its time is up [s]; then its process is ended."""
 _MIB = 1 << 20
+_PR_SET_PDEATHSIG = 1
+_ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP} if hasattr(signal, "SIGHUP") else set[signal.Signals]()
+"""Signals that ask a process to end; only systems that have SIGHUP can isolate."""
 
 
 def can_isolate() -> bool:
@@ -101,7 +106,7 @@ class Worker:
         context = multiprocessing.get_context("fork")
         ours, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, ours, self.limits.memory_mib), daemon=True)
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _signals_later():
             # threads of other libraries may run in this process by now; the child uses nothing that they hold
             warnings.simplefilter("ignore", DeprecationWarning)
             self._process.start()
@@ -157,7 +162,11 @@ class _Clock:
 def _serve(pipe: Connection, parents: Connection, memory_mib: int | None) -> None:
     """The child: solve what comes until the pipe closes."""
     parents.close()  # else the pipe would never end
+    _end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in _ENDING - {signal.SIGINT}:
+        signal.signal(number, signal.SIG_DFL)  # what the parent does on these is not for the child
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
     _limit_memory(memory_mib)
     with contextlib.suppress(EOFError, OSError):
         while True:
@@ -165,6 +174,25 @@ def _serve(pipe: Connection, parents: Connection, memory_mib: int | None) -> Non
             tell: Callable[[Any], None] = lambda iterate: _send(pipe, ("iterate", iterate))  # noqa: E731
             told: Callable[[bool], None] = lambda on: _send(pipe, ("compiling", on))  # noqa: E731
             _send(pipe, ("solved", solve(problem, method, tell, time_limit=time_limit, on_compiling=told)))
+
+
+@contextlib.contextmanager
+def _signals_later() -> Iterator[None]:
+    """Signals that end a process wait while the block runs: a child that is being made is neither lost nor confused."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_with_parent() -> None:
+    """Have the system end this process when the one (strictly: the thread) that made it has gone, where it can."""
+    parent = multiprocessing.parent_process()
+    with contextlib.suppress(AttributeError, OSError):  # another system
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if parent is not None and os.getppid() != parent.pid:
+        os._exit(1)  # it had gone before
 
 
 def _limit_memory(memory_mib: int | None) -> None:

@@ -17,7 +17,7 @@ class ExitStatus(enum.IntEnum):
     PARTIAL = 3
     """Done, but part of an input was lost, or some of several inputs could not be read."""
     INTERRUPTED = 130
-    """Stopped by Ctrl-C; what was finished is kept."""
+    """Stopped by Ctrl-C; what was finished is kept. Stopped by SIGTERM or SIGHUP it is 143 or 129 (`cli.signals`)."""
 
 
 def unknown(kind: str, word: str, choices: Iterable[str], where: str = "") -> str:

@@ -19,6 +19,8 @@ MAX_POLYGONS = 100_000
 """Most obstacles of one map."""
 THINNEST = 0.01
 """Lines and upright faces become walls at least this thick [m]."""
+LARGEST = 1e8
+"""No place, size or part of a quaternion may be larger [m]."""
 _TINY_AREA = 1e-6  # [m2]; a footprint below it is a wall seen from above
 _NAMES = {
     ARROW: "ARROW",
@@ -90,10 +92,14 @@ def marker_polygons(markers: Iterable[Marker], height: float) -> tuple[list[Arra
 def _checked_rotation(marker: Marker) -> Array:
     name = f"marker {printable(marker.ns, 40)!r}/{marker.id}"
     for field, values in (("pose", marker.pose), ("scale", marker.scale), ("points", marker.points)):
-        if not np.isfinite(values).all() or np.abs(values).max(initial=0.0) > 1e8:
-            raise Refusal("E_NONFINITE", f"{name}: {field} holds a value that is no finite size or place")
+        bad = np.argwhere(~(np.abs(values) <= LARGEST))
+        if len(bad):
+            place = f"{field}[{', '.join(map(str, bad[0]))}]"
+            found = f"{values[tuple(bad[0])]:g}"
+            raise Refusal("E_NONFINITE", f"{name}: {place} is {found}, expected a number up to {LARGEST:g}")
     if marker.scale.min() < 0.0:
-        raise Refusal("E_MARKER", f"{name}: scale is {tuple(marker.scale)}, expected positive sizes")
+        sizes = ", ".join(f"{size:g}" for size in marker.scale)
+        raise Refusal("E_MARKER", f"{name}: scale is ({sizes}) m, expected none below 0")
     norm = float(np.linalg.norm(marker.pose[3:]))
     if norm == 0.0:
         return np.eye(3)  # never set: viewers take it for no rotation
