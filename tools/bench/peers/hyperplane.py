@@ -204,7 +204,7 @@ def _solve(problem: Problem, plugin: str, choose: Any) -> Answer:
             "ng": counts,
             "equality": is_equation,
             "fatrop.print_level": 0,
-            "fatrop.max_iter": 1000,
+            "fatrop.max_iter": 300,
             "fatrop.tolerance": 1e-6,
         }
     solver = ca.nlpsol("hyperplane", plugin, nlp, options)

@@ -21,7 +21,7 @@ from optim.nlp.model import build
 from optim.problem import Problem
 from tools.bench.peers.common import SPACING, Answer, path_at
 
-TIME_LIMIT = 120.0
+TIME_LIMIT = 100.0
 """CPU time of a solution [s]."""
 
 
