@@ -5,11 +5,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from optim.methods.transcription import Knots, path_of
+from optim.objective import objective
 from optim.path import Path
 from optim.problem import Problem
 from optim.result import OnIterate, Result, Stop, ignore
 from replay.case import Case
-from replay.run import MethodRun, run_case
+from replay.run import run_case
 
 SPACING = 0.35
 """Distance between knots [m], for all who work at knots; that of ddp, nlp and scp."""
@@ -72,22 +73,18 @@ def measure(case: Case, contender: Contender) -> Verdict:
     }
     if answer.path is None:
         return Verdict(status="failed", objective=float("nan"), cusps=-1, failures=("no path",), **told)
-    run = run_case(case, {"given": _Given(answer.path)}).methods[0]
-    value = _objective(case.problem, answer.path)
-    return Verdict(status=run.status, objective=value, cusps=answer.path.num_cusps, failures=_failures(run), **told)
+    status, failures = measure_path(case, answer.path)
+    value = objective(answer.path, case.problem.weights)
+    return Verdict(status=status, objective=value, cusps=answer.path.num_cusps, failures=failures, **told)
 
 
-def _objective(problem: Problem, path: Path) -> float:
-    from optim.objective import objective
-
-    return objective(path, problem.weights)
-
-
-def _failures(run: MethodRun) -> tuple[str, ...]:
+def measure_path(case: Case, path: Path) -> tuple[str, tuple[str, ...]]:
+    """The audited status of a path, and the checks that it did not pass."""
+    run = run_case(case, {"given": _Given(path)}).methods[0]
     if run.rejected is None:
-        return ()
+        return run.status, ()
     checks: dict[str, dict[str, bool]] = run.rejected["checks"]
-    return tuple(name for name, check in checks.items() if not check["passed"])
+    return run.status, tuple(name for name, check in checks.items() if not check["passed"])
 
 
 class _Given:
