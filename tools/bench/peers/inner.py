@@ -1,0 +1,92 @@
+"""The section on DDP: our descent beside crocoddyl's on the same stages."""
+
+import importlib.util
+import json
+import math
+import pathlib
+import statistics
+from typing import Any
+
+from replay.case import Case
+from replay.files import atomic_write
+from replay.logs import read_cases
+from tools.bench.peers import crocoddyl_peer
+from tools.bench.peers.common import measure_path, path_at
+
+REPEATS = 3
+Row = dict[str, Any]
+
+
+def run(logs: list[pathlib.Path], folder: pathlib.Path) -> None:
+    if importlib.util.find_spec("crocoddyl") is None:
+        print("crocoddyl is not installed: its section is left out")
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    for log in logs:
+        file = folder / f"{log.stem}.json"
+        if file.exists():
+            continue
+        case = read_cases(log)[0]
+        found: dict[str, list[crocoddyl_peer.Outcome]] = {}
+        for turn in range(REPEATS + 1):
+            for name, call in (("ours", crocoddyl_peer.ours), ("crocoddyl", crocoddyl_peer.theirs)):
+                outcome = call(case.problem)
+                if turn:  # the first is for the compiler
+                    found.setdefault(name, []).append(outcome)
+        row = {name: _row(case, outcomes) for name, outcomes in found.items()}
+        print(f"{log.stem:<13}" + "".join(f"{name} {r['seconds']:.3f} s  " for name, r in row.items()), flush=True)
+        with atomic_write(file) as temporary:
+            temporary.write_text(json.dumps(row, indent=1), encoding="utf-8")
+
+
+def _row(case: Case, outcomes: list[crocoddyl_peer.Outcome]) -> Row:
+    best = min(outcomes, key=lambda one: one.seconds)
+    path = path_at(case.problem, best.knots)
+    status, failures = ("failed", ("no path",)) if path is None else measure_path(case, path)
+    return {
+        "objective": best.objective,
+        "residuals": best.residuals,
+        "iterations": best.iterations,
+        "seconds": best.seconds,
+        "in_model": best.in_model,
+        "bound": min(one.bound for one in outcomes),
+        "stages": len(best.knots.phi),
+        "status": status,
+        "failures": failures,
+    }
+
+
+def report(folder: pathlib.Path) -> str:
+    rows = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.json"))}
+    lines = [
+        "## One descent of DDP: crocoddyl on the same stages",
+        "",
+        "crocoddyl has box limits of the controls, but neither other constraints nor bounds that move with the state: "
+        "it gets our stages with the same Gauss-Newton derivatives, the augmented Lagrangian as cost, and our outer "
+        "iteration (`tools/bench/peers/crocoddyl_peer.py`). The problem is that of our first descent, at the fine "
+        "knots: clearance at the knots only. J, iterations, CPU milliseconds; `in C++` is what it would take at least "
+        "with a compiled model: its own iteration on a linear-quadratic problem of the size, and our kernels.",
+        "",
+        "| log | stages | ours | crocoddyl, model in Python | in C++ | ratio | in C++ |",
+        "|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    whole, bounds = [], []
+    for log, row in rows.items():
+        ours, theirs = row["ours"], row["crocoddyl"]
+        whole.append(theirs["seconds"] / ours["seconds"])
+        bounds.append(theirs["bound"] / ours["seconds"])
+        cells = [f"{one['objective']:.3f}, {one['iterations']}, {1e3 * one['seconds']:.0f}" for one in (ours, theirs)]
+        tail = f"{1e3 * theirs['bound']:.0f} | {whole[-1]:.1f} | {bounds[-1]:.1f}"
+        lines.append(f"| {log} | {ours['stages']} | {cells[0]}{_note(ours)} | {cells[1]}{_note(theirs)} | {tail} |")
+    if rows:
+        lines += [
+            "",
+            f"Median ratio {statistics.median(whole):.1f} with its model in Python, at least "
+            f"{statistics.median(bounds):.1f} with one in C++ (asked for: 3).",
+        ]
+    return "\n".join(lines)
+
+
+def _note(row: Row) -> str:
+    worst = max(row["residuals"])
+    return "" if math.isfinite(worst) and worst <= 1e-3 else f" (misses by {worst:.1e})"

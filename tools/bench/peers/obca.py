@@ -1,0 +1,71 @@
+"""Plain OBCA (Zhang, Liniger, Borrelli 2018) for truck and trailer: CasADi, IPOPT, dual variables for **all** pairs.
+
+What the published formulation does, on our problem: every pair of a body at a knot and an obstacle has its dual
+variables from the start to the end, whether near or not; one time scale for all knots, here one length for each gear
+segment; one solution, nothing is added, merged, laid out anew or checked between the knots. The weights of its cost
+are those of J, its reference is the recorded path, which is its warm start as well, and the dual variables start from
+the exact witness normals, which is what its convex warm-start problem aims at. Tolerance 1e-6, adaptive barrier: with
+IPOPT's own defaults it takes longer.
+"""
+
+import time
+from typing import Any
+
+import numpy as np
+
+from optim.arrays import Array
+from optim.methods.transcription import Knots, knots_of
+from optim.nlp.duals import Pairs
+from optim.nlp.ipopt import Ipopt, IpoptOptions
+from optim.nlp.model import build
+from optim.problem import Problem
+from tools.bench.peers.common import SPACING, Answer, path_at
+
+TIME_LIMIT = 100.0
+"""CPU time of a solution [s]."""
+
+
+def all_pairs(problem: Problem, knots: Knots) -> Pairs:
+    """Both bodies at every knot but the ends, which are fixed, with every obstacle."""
+    inside = range(1, len(knots.phi) - 1)
+    count = len(problem.scene.polygons)
+    return Pairs.of({(k, body, m) for k in inside for body in range(2) for m in range(count)})
+
+
+def ipopt_options(**more: Any) -> dict[str, Any]:
+    return {
+        "print_time": False,
+        "ipopt.print_level": 0,
+        "ipopt.sb": "yes",
+        "ipopt.max_iter": 1000,
+        "ipopt.tol": 1e-6,
+        "ipopt.mu_strategy": "adaptive",
+        "ipopt.max_cpu_time": TIME_LIMIT,
+        **more,
+    }
+
+
+def solve(problem: Problem) -> Answer:
+    """One solution from the recorded path."""
+    import casadi as ca
+
+    began = time.process_time()
+    knots = knots_of(problem.vehicle, problem.recorded, SPACING)
+    required: Array = np.full((len(knots.phi), 2), problem.required_clearance)
+    options = IpoptOptions(
+        max_iterations=1000, tolerance=1e-6, time_limit=TIME_LIMIT, reach=np.inf, obstacles_later=False
+    )
+    terms = Ipopt(problem, SPACING, options)  # for its units and its way back from unknowns to knots
+    program = build(problem, knots, required, all_pairs(problem, knots), terms.units, terms.step_range)
+    solver = ca.nlpsol("obca", "ipopt", program.nlp, ipopt_options())
+    build_s = time.process_time() - began
+    found = solver(x0=program.start, lbx=program.low, ubx=program.high, lbg=program.low_g, ubg=program.high_g)
+    stats = solver.stats()
+    solved = terms.knots_at(np.asarray(found["x"]).ravel(), knots)
+    return Answer(
+        path=path_at(problem, solved),
+        word=str(stats["return_status"]),
+        iterations=int(stats["iter_count"]),
+        build_s=build_s,
+        size=f"{program.start.size} unknowns, {program.low_g.size} constraints",
+    )
