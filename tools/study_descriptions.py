@@ -1,0 +1,99 @@
+"""Claim (a) of the study: what becomes of the methods when the obstacles are described less well."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from tools.study_rows import Rows, table
+
+SHOWN: Final = {
+    "shortcut": {"polygons": "shortcut", "discs": "shortcut by discs", "points": "shortcut by points"},
+    "cpo": {"discs": "cpo", "points": "cpo points"},
+    "ddp": {"polygons": "ddp", "discs": "ddp by discs", "points": "ddp by points"},
+    "scp": {"polygons": "scp", "discs": "scp by discs", "points": "scp by points"},
+    "nlp": {"polygons": "nlp", "discs": "nlp by discs", "points": "nlp by points"},
+}
+"""The variants of a run that show a method each description. `cpo` covers the vehicle with discs, not the obstacles,
+and its points are a cost map of the trailer's axle."""
+DESCRIPTIONS: Final = ("polygons", "discs", "points")
+SAMPLES: Final = ("angled", "bay", "dock", "lot", "parallel", "yard")
+"""Classes of two logs each, taken together."""
+LOSS: Final = 0.1
+"""Share of logs whose loss counts as failing [-]."""
+
+
+def descriptions(rows: Rows) -> str:
+    """The section of claim (a)."""
+    kinds = [kind for kind in rows.classes if kind not in SAMPLES]
+    groups = {kind: rows.of(kind) for kind in kinds}
+    groups["sample logs"] = [log for kind in SAMPLES for log in rows.of(kind)]
+    groups = {name: logs for name, logs in groups.items() if logs} | {"**all**": rows.logs}
+    lines = [
+        [name if k == 0 else "", what, *(_cell(rows, logs, method, what) for method in SHOWN)]
+        for name, logs in groups.items()
+        for k, what in enumerate(DESCRIPTIONS)
+    ]
+    text = table(("class", "obstacles as", *(f"`{method}`" for method in SHOWN)), lines)
+    return f"""### (a) A good description of the obstacles is needed, and scarce ones fail in narrow scenes
+
+*polygons*: the exact obstacles. *discs*: each is covered by a row of discs as wide as it is and 2 m or more long, so
+that nothing is missed and room is lost. *points*: only points on their outlines, 1 m apart. Every path is judged in the
+true scene. `cpo` knows no polygons: its discs cover the vehicle (closely), its points are the source's cost map, which
+looks at the trailer's axle only. Improved of all, and J over the recorded J; in brackets the paths that the audit
+turned down in the true scene.
+
+{text}
+
+{_verdict(rows, groups)}"""
+
+
+def _cell(rows: Rows, logs: Sequence[str], method: str, what: str) -> str:
+    name = SHOWN[method].get(what)
+    some = [log for log in logs if (log, name) in rows.by]
+    if name is None or not some:
+        return "–"
+    rejected = sum(rows.by[log, name]["rejected"] for log in some)
+    cell = f"{rows.improved(some, name)}/{len(some)} {rows.ratio(some, name):.3f}"
+    return cell + (f" ({rejected})" if rejected else "")
+
+
+def lost(rows: Rows, logs: Sequence[str], method: str, what: str) -> tuple[int, int]:
+    """(logs that the method improves with the best description it has but not with this one, logs it improves)."""
+    best, name = next(iter(SHOWN[method].values())), SHOWN[method].get(what)
+    some = [log for log in logs if (log, name) in rows.by and rows.by[log, best]["status"] == "improved"]
+    return sum(rows.by[log, name]["status"] != "improved" for log in some), len(some)
+
+
+def _share(rows: Rows, logs: Sequence[str], what: str) -> tuple[float, str]:
+    """Share of pairs of method and log that a description loses, and the count in words."""
+    pairs = [lost(rows, logs, method, what) for method in SHOWN if next(iter(SHOWN[method])) != what]
+    gone, of = sum(pair[0] for pair in pairs), sum(pair[1] for pair in pairs)
+    return (gone / of if of else 0.0), f"{gone} of {of}"
+
+
+def _verdict(rows: Rows, groups: dict[str, list[str]]) -> str:
+    sentences = [
+        "Pairs of a method and a log that it improves with its best description but not with a scarcer one:",
+        "",
+    ]
+    shares: dict[str, dict[str, float]] = {"discs": {}, "points": {}}
+    for what, by_group in shares.items():
+        counts = []
+        for name, logs in groups.items():
+            by_group[name], count = _share(rows, logs, what)
+            counts.append(f"{name.strip('*')} {count}")
+        sentences.append(f"- *{what}*: {', '.join(counts)}.")
+    verdicts = []
+    for what, by_group in shares.items():
+        narrow, open_ground = by_group.get("narrow", 0.0), by_group.get("open", 0.0)
+        fails = narrow >= LOSS and narrow >= 2.0 * open_ground
+        everywhere = all(share >= LOSS for name, share in by_group.items() if name != "**all**")
+        verdicts.append(
+            f"with *{what}* {100.0 * narrow:.0f} % are lost in narrow scenes, {100.0 * open_ground:.0f} % on open ground:"
+            f" that they fail in narrow scenes is {_word(fails)}, that all classes need better is {_word(everywhere)}"
+        )
+    limit = f"(Failing: {100.0 * LOSS:.0f} % or more are lost; in narrow scenes, twice as many as on open ground too.)"
+    return "\n".join(sentences) + f"\n\nVerdict: **{'; '.join(verdicts)}.** {limit}"
+
+
+def _word(is_so: bool) -> str:
+    return "supported" if is_so else "not supported"
