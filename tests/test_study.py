@@ -104,7 +104,7 @@ def test_the_report_counts_what_scarce_descriptions_lose() -> None:
     assert lost(rows, ["open_01", "open_02"], "ddp", "discs") == (0, 2)
     text, _ = report({"head": HEAD, "rows": made_rows(kept)})
     assert "- *discs*: narrow 3 of 4, open 0 of 8, sample logs 0 of 3, all 3 of 15." in text
-    assert "with *discs* 75 % are lost in narrow scenes, 0 % on open ground: that they fail in narrow scenes is" in text
+    assert "with *discs* 75 % are lost in narrow scenes, 0 % in open ones: that they fail in narrow scenes is" in text
     assert "0/1 1.000 (1)" in text
     assert "ends `improved` (a lower J, and the audit passed) on\n4 of the 4 logs" in text
 
