@@ -54,9 +54,9 @@ Row = dict[str, Any]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sites", type=int, default=3, help="sites of each class (default: %(default)s)")
+    parser.add_argument("--sites", type=int, default=4, help="sites of each class (default: %(default)s)")
     parser.add_argument("--seeds", type=int, default=3, help="seeds on each site (default: %(default)s)")
-    parser.add_argument("--time-limit", type=float, default=8.0, help="of a search [s] (default: %(default)s)")
+    parser.add_argument("--time-limit", type=float, default=10.0, help="of a search [s] (default: %(default)s)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
     parser.add_argument("--print", action="store_true", help="print the table; leave the README as it is")
     options = parser.parse_args(arguments)
