@@ -1,11 +1,16 @@
 """Run every method over the full corpus and write what came of it: tables, a plot, and the source's claims tested.
 
-Usage: python tools/study.py [--jobs N] [--time-limit S] [--only TEXT] [--rows FILE [--budget S]] [--from-rows FILE]
+In two parts: `methods` runs all methods and chains, and its times mean something on a quiet machine only; `obstacles`
+shows methods scarcer descriptions of the obstacles, and counts successes. With a generous time limit, how busy the
+machine is does not matter there.
 
-Writes recordings/STUDY.md and recordings/study_profiles.svg. `--rows` keeps the measured rows in a file, log by log,
-and goes on with those that are missing there, if optim, replay and recordings are still the same; with `--budget`,
-no log is begun after so many seconds, and the report is written when none is missing. `--from-rows` writes the report
-from such a file without measuring.
+Usage: python tools/study.py [--part methods|obstacles] [--classes A,B] [--only TEXT] [--jobs N] [--time-limit S]
+                             [--rows FILE [--budget S]] [--from-rows FILE]
+
+Writes recordings/STUDY.md and recordings/study_profiles.svg, or recordings/STUDY_OBSTACLES.md. `--rows` keeps the
+measured rows in a file, log by log, and goes on with those that are missing there, if optim, replay and recordings are
+still the same; with `--budget`, no log is begun after so many seconds, and the report is written when none is missing.
+`--from-rows` writes the report from such a file without measuring.
 """
 
 import argparse
@@ -36,34 +41,36 @@ from replay.logs import read_cases  # noqa: E402
 from replay.run import run_case  # noqa: E402
 from replay.worker import Limits, Worker  # noqa: E402
 from tools.corpus.catalogue import FULL, SITES, read_list  # noqa: E402
+from tools.study_descriptions import obstacles_report  # noqa: E402
 from tools.study_report import report  # noqa: E402
 from tools.study_scenes import DESCRIPTIONS, Described  # noqa: E402
 
 RECORDINGS = pathlib.Path(__file__).resolve().parent.parent / "recordings"
 CHAINS = ("shortcut+scp", "ddp+scp", "ddp+nlp", "shortcut+nlp")
-DESCRIBED = ("shortcut", "ddp", "scp", "nlp")
-"""Methods that are also shown scarcer descriptions of the obstacles; `cpo` has its own."""
-NLP_DESCRIBED = ("open", "narrow")
-"""Classes in which `nlp` is: it takes up to a hundred times as long as `ddp`."""
+DESCRIBED = ("shortcut", "ddp", "scp")
+"""Methods that are also shown scarcer descriptions of the obstacles; `cpo` has its own, and `nlp`, which takes up to a
+hundred times as long as `ddp`, solves the problem that `scp` does."""
 Row = dict[str, Any]
 Document = dict[str, Any]
 
 
-def variants(kind: str) -> dict[str, Method]:
-    """What is run on a log of a class: the methods, chains of them, and what the claims need beside."""
+def variants(part: str) -> dict[str, Method]:
+    """What is run on a log: the methods, chains of them and what the claims need beside; or the described ones."""
+    if part == "obstacles":
+        shown = {
+            f"{name} by {description}": Described(method=METHODS[name], description=description)
+            for name in DESCRIBED
+            for description in DESCRIPTIONS
+        }
+        return {name: METHODS[name] for name in (*DESCRIBED, "cpo")} | {"cpo points": Cpo(obstacles="points")} | shown
     chained = {name: named(name, METHODS) for name in CHAINS}
-    beside = {"cpo points": Cpo(obstacles="points"), "shortcut by trailer length": Shortcut(cost="trailer_length")}
-    shown = {
-        f"{name} by {description}": Described(method=METHODS[name], description=description)
-        for name in DESCRIBED
-        if name != "nlp" or kind in NLP_DESCRIBED
-        for description in DESCRIPTIONS
-    }
-    return dict(METHODS) | chained | beside | shown
+    return dict(METHODS) | chained | {"shortcut by trailer length": Shortcut(cost="trailer_length")}
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--part", choices=("methods", "obstacles"), default="methods", help="default: %(default)s")
+    parser.add_argument("--classes", default="", help="of logs, joined by commas (default: all)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
     parser.add_argument(
         "--time-limit", type=float, default=60.0, help="of a method on a log [s] (default: %(default)s)"
@@ -82,6 +89,9 @@ def main() -> int:
         if missing:
             print(f"{missing} logs are still to be measured", file=sys.stderr)
             return 0
+    if options.part == "obstacles":
+        (RECORDINGS / "STUDY_OBSTACLES.md").write_text(obstacles_report(document), encoding="utf-8")
+        return 0
     text, figure = report(document)
     (RECORDINGS / "STUDY.md").write_text(text, encoding="utf-8")
     (RECORDINGS / "study_profiles.svg").write_text(figure, encoding="utf-8")
@@ -104,14 +114,15 @@ def measure(document: Document, options: argparse.Namespace) -> int:
     """Add rows for each log and variant, log by log; how many logs are left when the budget is spent."""
     listed = read_list(RECORDINGS) | read_list(RECORDINGS / "full")
     done = {row["log"] for row in document["rows"]}
-    waiting = [pair for pair in _logs() if options.only in pair[0] and pair[0] not in done][::-1]
+    kinds = options.classes.split(",") if options.classes else {entry["class"] for entry in listed.values()}
+    chosen = [pair for pair in _logs() if options.only in pair[0] and listed[pair[0]]["class"] in kinds]
+    waiting = [pair for pair in chosen if pair[0] not in done][::-1]
     begun, running = time.monotonic(), {}
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
         while waiting or running:
             while waiting and len(running) < options.jobs and time.monotonic() - begun < options.budget:
                 name, path = waiting.pop()
-                kind = listed[name]["class"]
-                running[pool.submit(_measure, name, path, kind, options.time_limit)] = name
+                running[pool.submit(_measure, name, path, options.part, options.time_limit)] = name
             if not running:
                 break
             for task in wait(running, return_when=FIRST_COMPLETED).done:
@@ -132,13 +143,13 @@ def _logs() -> list[tuple[str, pathlib.Path]]:
     return sorted(logs, key=lambda pair: (pair[0].rpartition("_")[2], pair[0]))
 
 
-def _measure(name: str, path: pathlib.Path, kind: str, time_limit: float) -> list[Row]:
+def _measure(name: str, path: pathlib.Path, part: str, time_limit: float) -> list[Row]:
     try:
         case = read_cases(path)[0]
     except ReplayError as error:
         return [{"log": name, "method": "recorded", "status": "unreadable", "reason": str(error)}]
     with Worker(Limits(time_s=time_limit, memory_mib=4096)) as worker:
-        run = run_case(case, variants(kind), solve=worker)
+        run = run_case(case, variants(part), solve=worker)
     recorded = {"log": name, "method": "recorded", "status": "recorded", "feasible": run.recorded_audit["passed"]}
     rows = [recorded | {"metrics": run.recorded_metrics}]
     for each in run.methods:
@@ -167,6 +178,7 @@ def _head(options: argparse.Namespace) -> dict[str, Any]:
         "code": [git("rev-parse", f"HEAD:{folder}") for folder in ("optim", "replay", "recordings/full")],
         "machine": f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}",
         "versions": modules,
+        "part": options.part,
         "jobs": options.jobs,
         "time_limit": options.time_limit,
     }
