@@ -86,6 +86,7 @@ def made_rows(statuses: dict[str, str], part: str) -> list[dict[str, Any]]:
             status = "recorded" if name == "recorded" else statuses.get(f"{kind} {name}", "improved")
             figures = dict.fromkeys(UNITS, 1.0) | {"objective": 60.0 if status == "improved" else 100.0}
             row = {"log": log, "class": kind, "map": "grid", "method": name, "status": status, "metrics": figures}
+            row |= {"stop": "time limit" if name == "scp" else "converged"} if name != "recorded" else {}
             rows.append(row | {"feasible": True, "wall_s": 1.0, "rejected": status == "kept"})
     return rows
 
@@ -105,6 +106,10 @@ def test_the_report_counts_what_scarce_descriptions_lose() -> None:
         in text
     )
     assert "0/1 1.000 (1)" in text
+    assert "which ended 4 of 44 runs" in text
+    assert "Not measured in this run: `nlp`." in text
+    some = [row for row in made if not row["method"].startswith("scp")]
+    assert "Not measured in this run: `scp`, `nlp`." in obstacles_report({"head": HEAD, "rows": some})
 
 
 def test_the_report_names_logs_that_no_method_improves() -> None:

@@ -22,6 +22,7 @@ import platform
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from multiprocessing import get_context
 from typing import Any
@@ -54,15 +55,15 @@ Row = dict[str, Any]
 Document = dict[str, Any]
 
 
-def variants(part: str) -> dict[str, Method]:
+def variants(part: str, shown_to: Sequence[str] = DESCRIBED) -> dict[str, Method]:
     """What is run on a log: the methods, chains of them and what the claims need beside; or the described ones."""
     if part == "obstacles":
         shown = {
             f"{name} by {description}": Described(method=METHODS[name], description=description)
-            for name in DESCRIBED
+            for name in shown_to
             for description in DESCRIPTIONS
         }
-        return {name: METHODS[name] for name in (*DESCRIBED, "cpo")} | {"cpo points": Cpo(obstacles="points")} | shown
+        return {name: METHODS[name] for name in (*shown_to, "cpo")} | {"cpo points": Cpo(obstacles="points")} | shown
     chained = {name: named(name, METHODS) for name in CHAINS}
     return dict(METHODS) | chained | {"shortcut by trailer length": Shortcut(cost="trailer_length")}
 
@@ -70,6 +71,7 @@ def variants(part: str) -> dict[str, Method]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--part", choices=("methods", "obstacles"), default="methods", help="default: %(default)s")
+    parser.add_argument("--methods", default=",".join(DESCRIBED), help="of part obstacles (default: %(default)s)")
     parser.add_argument("--classes", default="", help="of logs, joined by commas (default: all)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
     parser.add_argument(
@@ -117,12 +119,13 @@ def measure(document: Document, options: argparse.Namespace) -> int:
     kinds = options.classes.split(",") if options.classes else {entry["class"] for entry in listed.values()}
     chosen = [pair for pair in _logs() if options.only in pair[0] and listed[pair[0]]["class"] in kinds]
     waiting = [pair for pair in chosen if pair[0] not in done][::-1]
+    variants_asked = variants(options.part, options.methods.split(","))
     begun, running = time.monotonic(), {}
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
         while waiting or running:
             while waiting and len(running) < options.jobs and time.monotonic() - begun < options.budget:
                 name, path = waiting.pop()
-                running[pool.submit(_measure, name, path, options.part, options.time_limit)] = name
+                running[pool.submit(_measure, name, path, variants_asked, options.time_limit)] = name
             if not running:
                 break
             for task in wait(running, return_when=FIRST_COMPLETED).done:
@@ -143,13 +146,13 @@ def _logs() -> list[tuple[str, pathlib.Path]]:
     return sorted(logs, key=lambda pair: (pair[0].rpartition("_")[2], pair[0]))
 
 
-def _measure(name: str, path: pathlib.Path, part: str, time_limit: float) -> list[Row]:
+def _measure(name: str, path: pathlib.Path, methods: dict[str, Method], time_limit: float) -> list[Row]:
     try:
         case = read_cases(path)[0]
     except ReplayError as error:
         return [{"log": name, "method": "recorded", "status": "unreadable", "reason": str(error)}]
     with Worker(Limits(time_s=time_limit, memory_mib=4096)) as worker:
-        run = run_case(case, variants(part), solve=worker)
+        run = run_case(case, methods, solve=worker)
     recorded = {"log": name, "method": "recorded", "status": "recorded", "feasible": run.recorded_audit["passed"]}
     rows = [recorded | {"metrics": run.recorded_metrics}]
     for each in run.methods:
@@ -179,6 +182,7 @@ def _head(options: argparse.Namespace) -> dict[str, Any]:
         "machine": f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}",
         "versions": modules,
         "part": options.part,
+        "methods": options.methods,
         "jobs": options.jobs,
         "time_limit": options.time_limit,
     }

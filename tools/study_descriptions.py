@@ -32,13 +32,17 @@ def obstacles_report(document: dict[str, Any]) -> str:
         for name, logs in groups.items()
         for k, what in enumerate(DESCRIPTIONS)
     ]
+    ran = [row for row in document["rows"] if "stop" in row]
+    left_out = [name for name in SHOWN if not any((log, name) in rows.by for log in rows.logs)]
+    stopped, ran = sum(row["stop"] == "time limit" for row in ran), len(ran)
     versions = ", ".join(f"{name} {version}" for name, version in head["versions"].items())
     return f"""# A good description of the obstacles is needed, and scarce ones fail in narrow scenes
 
 This claim of the source, tested. Written by `tools/study.py --part obstacles`; every figure is of one run, at commit
 {head["commit"]}, on {head["machine"]},
 {versions};
-{len(rows.logs)} logs, each method on one thread and at most {head["time_limit"]:g} s.
+{len(rows.logs)} logs, each method on one thread and at most {head["time_limit"]:g} s,
+which ended {stopped} of {ran} runs.
 
 *polygons*: the exact obstacles. *discs*: each is covered by a row of discs as wide as it is and 2 m or more long, so
 that nothing is missed and room is lost. *points*: only points on their outlines, 1 m apart. Every path is judged in the
@@ -52,7 +56,8 @@ turned down in the true scene.
 
 ## Limits of the comparison
 
-- `nlp` is left out: it solves the problem that `scp` does and takes ten times as long.
+- Not measured in this run: {", ".join(f"`{name}`" for name in (*left_out, "nlp"))}. `nlp` solves the problem that `scp`
+  does and takes ten times as long.
 - A path may pass by chance: a method that is shown too little may still keep clear. The recorded path, where all begin,
   is clear in the true scene, and all methods change it step by step.
 - Where a time limit ends a method, its best iterate counts.
@@ -73,7 +78,8 @@ def _cell(rows: Rows, logs: Sequence[str], method: str, what: str) -> str:
 def lost(rows: Rows, logs: Sequence[str], method: str, what: str) -> tuple[int, int]:
     """(logs that the method improves with the best description it has but not with this one, logs it improves)."""
     best, name = next(iter(SHOWN[method].values())), SHOWN[method].get(what)
-    some = [log for log in logs if (log, name) in rows.by and rows.by[log, best]["status"] == "improved"]
+    measured = [log for log in logs if (log, name) in rows.by and (log, best) in rows.by]
+    some = [log for log in measured if rows.by[log, best]["status"] == "improved"]
     return sum(rows.by[log, name]["status"] != "improved" for log in some), len(some)
 
 
