@@ -51,7 +51,7 @@ def optimize(
     Parameters
     ----------
     logs
-        MCAP files.
+        MCAP files, or folders that rosbag2 recorded.
     method
         A method to run, by name; may be given several times. Names joined by +, as in A+B, run one after the other,
         each from where the one before ended. All methods, each by itself, by default.
