@@ -97,6 +97,17 @@ def test_grids_of_numbers_that_are_no_probabilities_are_refused() -> None:
     assert "no probabilities" in refused(fox.grid(np.array([[0.0, 1.5]]), kind=7))
 
 
+def test_single_poses_of_foxglove_make_a_path(read: Read) -> None:
+    maker = fox.added(make.LogMaker().vehicle(), "/map", fox.grid(make.yard()), 1)
+    for number, (x, y, yaw) in enumerate(TRUCK):
+        stamp = fox.time(number * 200_000_000)
+        each = fox.message("PoseInFrame", timestamp=stamp, frame_id="map", pose=fox.pose(x, y, yaw))
+        fox.added(maker, "/driven", each, 2 + number)
+    (case,) = read(maker)
+    np.testing.assert_allclose(case.problem.recorded.goal[:3], TRUCK[-1], atol=1e-9)
+    assert decode(fox.message("PoseInFrame")).poses.tolist() == [[0.0] * 7]
+
+
 def test_an_empty_grid_has_no_cells() -> None:
     each = fox.grid(np.zeros((2, 2), np.int8))
     each.column_count, each.data = 0, b""

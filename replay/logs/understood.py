@@ -3,7 +3,7 @@
 from typing import Any, Final, NamedTuple
 
 from replay.errors import LogError
-from replay.logs.content import Role
+from replay.logs.content import PATH_ROLES, Role
 from replay.logs.families import FAMILIES
 from replay.logs.records import Channel, Log
 from replay.logs.topics import Topic, topics_of
@@ -13,6 +13,7 @@ _WORDS: Final[dict[Role, str]] = {
     "markers": "map: shapes",
     "polygon": "map: polygons",
     "path": "path",
+    "stream": "poses one by one",
     "joints": "joints",
     "transforms": "transforms",
 }
@@ -60,7 +61,7 @@ def _size(role: Role, content: Any) -> tuple[int, int]:
     """How much a message holds: added up over all messages, and the most of one."""
     if role == "grid":
         return 0, content.width * content.height
-    return (len(content.poses), 0) if role == "path" else (len(content), 0)
+    return (len(content.poses), 0) if role in PATH_ROLES else (len(content), 0)
 
 
 def _amount(role: Role, total: int, most: int) -> str:
