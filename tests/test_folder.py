@@ -190,7 +190,7 @@ def test_what_was_not_understood_is_told_with_the_reason(
     assert found["/truck"] == ("path", "path, 105 poses")
     assert found["/image"] == (None, "not read: unknown type")
     assert found["/cut"].text.endswith("[E_PAYLOAD]")
-    assert found["/cut"].text.startswith("not read: poses claims")
+    assert found["/cut"].text.startswith("not read: message 0: poses claims")
     assert found["/json"].text.endswith("[E_ENCODING]")
     assert "is not the standard one" in found["/plain"].text
     texts = {topic: found[topic].text for topic in ("/lots", "/shapes", "/tf")}

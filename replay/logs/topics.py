@@ -42,9 +42,14 @@ class Topic:
         count = len(self.each.messages) if isinstance(self, Stream) else len(self.messages)
         return f"{printable(self.name, 80)} ({self.schema}, {count} message{'s' * (count != 1)})"
 
+    @property
+    def where(self) -> str:
+        """How errors begin."""
+        return f"{self.family.role} topic {printable(self.name, 80)!r}"
+
     def fail(self, code: str, text: str, index: int | None = None) -> NoReturn:
         """Raise a LogError that names the topic, and the message if `index` is given."""
-        where = f"{self.family.role} topic {printable(self.name, 80)!r}"
+        where = self.where
         if index is not None:
             where += f", message {index}"
         raise LogError(code, self.log.path, f"{where}: {text}")

@@ -2,7 +2,7 @@
 
 from typing import Any, Final, NamedTuple
 
-from replay.errors import LogError
+from replay.errors import LogError, printable
 from replay.logs.content import PATH_ROLES, Role
 from replay.logs.families import FAMILIES
 from replay.logs.records import Channel, Log
@@ -52,9 +52,15 @@ def _used(topic: Topic) -> Use:
         try:
             size, most = _size(role, topic.decode(index))
         except LogError as error:
-            return Use(None, f"not read: {error.message.partition(': ')[2].partition(': ')[2]} [{error.code}]")
+            return Use(None, f"not read: {_reason(topic, error)} [{error.code}]")
         sums = [sums[0] + size, max(sums[1], most)]
     return Use(role, f"{_WORDS[role]}{_amount(role, *sums)}")
+
+
+def _reason(topic: Topic, error: LogError) -> str:
+    """What an error says after the names of the file and the topic."""
+    text = error.message.removeprefix(f"{printable(str(topic.log.path))}: ")
+    return text.removeprefix(topic.where).lstrip(",: ")
 
 
 def _size(role: Role, content: Any) -> tuple[int, int]:
