@@ -199,6 +199,18 @@ def test_the_hitch_angle_comes_from_a_transform_between_truck_and_trailer(read: 
     assert case.read.hitch == "transform"
 
 
+def test_a_transform_of_the_trailer_in_a_frame_that_stands_still_gives_its_heading_too(read: Read) -> None:
+    odom = (12.0, -3.0, 0.7)
+    truck, axle = seen_from(TRUCK, odom), seen_from(AXLE, odom)
+    maker = make.LogMaker().vehicle().add("/map", make.grid(make.yard()), 1)
+    maker.add("/tf_static", make.transforms(make.transform("map", "odom", odom)), 1)
+    for time, row in zip(TIMES.tolist(), axle, strict=True):
+        maker.add("/tf", make.transforms(make.transform("odom", "trailer", row.tolist(), time)), 1)
+    (case,) = read(maker.add("/truck", make.path(truck, "odom", stamps=TIMES.tolist()), 2))
+    same(case)
+    assert case.read.hitch == "transform"
+
+
 def test_a_transform_of_the_trailer_in_the_maps_frame_gives_its_heading(read: Read) -> None:
     links = [
         (t, make.transform("map", "cart", (x, y, yaw), t)) for t, (x, y, yaw) in zip(TIMES.tolist(), AXLE, strict=True)

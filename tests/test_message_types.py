@@ -186,6 +186,67 @@ def test_poses_of_another_point_of_the_truck_are_moved_to_its_rear_axle(
     assert refusal(make.log_of(moved), **options).code == "E_PATH_HEADING"
 
 
+# ---- poses one by one
+
+
+def odometry(row: np.ndarray, time: int, speed: float) -> Any:
+    none = np.zeros(36)
+    zero = make.ros("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
+    ahead = make.ros("geometry_msgs/msg/Vector3", x=float(speed), y=0.0, z=0.0)
+    twist = make.ros("geometry_msgs/msg/Twist", linear=ahead, angular=zero)
+    return make.ros(
+        "nav_msgs/msg/Odometry",
+        header=make.header("map", time),
+        child_frame_id="base_link",
+        pose=make.ros("geometry_msgs/msg/PoseWithCovariance", pose=make.pose(*row.tolist()), covariance=none),
+        twist=make.ros("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=none),
+    )
+
+
+def stamped(row: np.ndarray, time: int, _: float) -> Any:
+    return make.ros("geometry_msgs/msg/PoseStamped", header=make.header("map", time), pose=make.pose(*row.tolist()))
+
+
+def with_covariance(row: np.ndarray, time: int, _: float) -> Any:
+    pose = make.ros("geometry_msgs/msg/PoseWithCovariance", pose=make.pose(*row.tolist()), covariance=np.zeros(36))
+    return make.ros("geometry_msgs/msg/PoseWithCovarianceStamped", header=make.header("map", time), pose=pose)
+
+
+def streamed(one: Callable[..., Any], step: int = 200_000_000) -> make.LogMaker:
+    maker = make.LogMaker().vehicle().add("/map", make.grid(make.yard()), 1)
+    for number, (row, speed) in enumerate(zip(TRUCK, moving(TRUCK), strict=True)):
+        maker.add("/driven", one(row, number * step, speed), 2 + number)
+    return maker
+
+
+@pytest.mark.parametrize("one", [odometry, stamped, with_covariance], ids=lambda one: one.__name__)
+def test_poses_that_come_one_by_one_make_a_path(read: Read, one: Callable[..., Any]) -> None:
+    (case,) = read(streamed(one))
+    (plain,) = read(make.sound_log(trailer=False))
+    np.testing.assert_allclose(case.problem.recorded.samples.states, plain.problem.recorded.samples.states, atol=1e-9)
+    assert case.read.poses == len(TRUCK)
+
+
+def test_beside_a_path_single_poses_are_used_only_where_an_option_names_them(read: Read, refusal: Refusal) -> None:
+    maker = streamed(stamped).add("/plan", make.path(make.shifted(TRUCK, 0.0, 1.0)), 2)
+    (case,) = read(maker)
+    np.testing.assert_allclose(case.problem.recorded.start[:2], TRUCK[0, :2] + [0.0, 1.0])
+    (case,) = read(maker, path_topic="/driven")
+    np.testing.assert_allclose(case.problem.recorded.start[:2], TRUCK[0, :2])
+    maker = make.LogMaker().vehicle().add("/map", make.grid(make.yard()), 1).add("/goal", stamped(TRUCK[0], 0, 0.0), 2)
+    assert refusal(maker).code == "E_NO_PATH"  # one pose is a goal, not a drive
+
+
+def test_single_poses_without_stamps_have_the_times_of_the_log(read: Read) -> None:
+    maker = streamed(stamped, step=0)
+    for number, row in enumerate(AXLE):
+        maker.add("/trailer", stamped(row, 0, 0.0), 2 + number)
+    (case,) = read(maker)
+    assert case.read.hitch == "trailer path"
+    error_free = [note for note in case.read.notes if "differ" in note]
+    assert not error_free
+
+
 # ---- maps
 
 

@@ -67,7 +67,7 @@ def optimize(
     Parameters
     ----------
     logs
-        MCAP files.
+        MCAP files, or folders that rosbag2 recorded.
     out
         Folder for the files, made if it is missing: STEM.rrd and STEM.results.json for each log. STEM is the log's
         name; where a log holds several requests, their numbers follow it (STEM-0, STEM-1).

@@ -3,7 +3,6 @@
 import dataclasses
 import os
 from dataclasses import dataclass
-from pathlib import Path as FilePath
 
 import numpy as np
 
@@ -15,8 +14,8 @@ from optim.vehicle import Vehicle
 from replay.case import Case, ReadReport
 from replay.errors import LogError, printable
 from replay.logs.checks import check_ends, check_fit, check_recorded, deviation
-from replay.logs.container import scan
 from replay.logs.content import PoseSeries
+from replay.logs.folder import open_log
 from replay.logs.frames import Frames, frame_name, in_frame
 from replay.logs.hitch import Angles, Hitch, combined, sources
 from replay.logs.maps import LogMap, Maps
@@ -38,7 +37,7 @@ def read_cases(path: str | os.PathLike[str], options: ReadOptions | None = None)
         LogError: the log cannot be read, leaves open what is meant, or none of its requests can be used. A request
             that cannot be used beside others that can is named in their notes, and `read.lost` is set.
     """
-    return cases_of(scan(FilePath(path), is_wanted), options or ReadOptions())
+    return cases_of(open_log(path, is_wanted), options or ReadOptions())
 
 
 def cases_of(log: Log, options: ReadOptions) -> list[Case]:
@@ -182,7 +181,7 @@ class _Reader:
             notes=(*before, *node_notes, *checks),
         )
         return Case(
-            name=f"{self.log.path.stem}/{number}",
+            name=f"{self.log.stem}/{number}",
             log=self.log.path,
             sha256=self.log.sha256,
             problem=problem,

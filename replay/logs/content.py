@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 
 from optim.arrays import Array
 
-Role = Literal["grid", "markers", "polygon", "path", "joints", "transforms"]
-"""What a message is read as: three kinds of map, a path, joint angles, transforms between frames."""
+Role = Literal["grid", "markers", "polygon", "path", "stream", "joints", "transforms"]
+"""What a message is read as: three kinds of map, a path, one pose of a stream that makes a path, joint angles,
+transforms between frames."""
 MAP_ROLES: tuple[Role, ...] = ("grid", "markers", "polygon")
+PATH_ROLES: tuple[Role, ...] = ("path", "stream")
 
 
 class PayloadError(ValueError):

@@ -45,6 +45,12 @@ def poses(tree: Tree) -> PoseSeries:
     return PoseSeries(header=header, stamps=stamps, poses=array, frames=frozenset())
 
 
+def pose(tree: Tree) -> PoseSeries:
+    """`foxglove.PoseInFrame`: a series of one."""
+    blank = {"position": None, "orientation": None}
+    return poses({**tree, "poses": [tree["pose"] or blank]})
+
+
 def transform(tree: Tree) -> tuple[Transform, ...]:
     """`foxglove.FrameTransform`."""
     header = Header(tree["timestamp"], tree["parent_frame_id"])
@@ -241,6 +247,7 @@ FAMILIES: Final[Mapping[str, Family]] = _by_name(
     ("foxglove.Grid", "grid", grid),
     ("foxglove.SceneUpdate", "markers", scene),
     ("foxglove.PosesInFrame", "path", poses),
+    ("foxglove.PoseInFrame", "stream", pose),
     ("foxglove.FrameTransform", "transforms", transform),
     ("foxglove.FrameTransforms", "transforms", transforms),
     ("foxglove.JointState", "joints", joint),

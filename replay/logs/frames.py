@@ -107,7 +107,8 @@ def in_frame(series: PoseSeries, target: str, where: str, frames: Frames) -> tup
     except Refusal as error:
         raise Refusal(error.code, f"{text}, expected one frame for both, or a static transform ({error})") from None
     note = f"it is in frame {printable(others[0], 60)!r}; a transform of the log puts it into {printable(target, 60)!r}"
-    return dataclasses.replace(series, poses=poses), [note]
+    header = series.header._replace(frame=target)
+    return dataclasses.replace(series, header=header, frames=frozenset(), poses=poses), [note]
 
 
 def _checked(pose: Array) -> tuple[Array, Array]:

@@ -116,10 +116,15 @@ def _transform(frames: Frames, path_frame: str, options: ReadOptions) -> Angles 
     parent, child = pairs[0]
     samples = found[pairs[0]]
     poses = np.array([transform.pose for _, transform in samples])
+    is_heading = True
+    try:
+        poses = frames.moved(poses, parent, path_frame)
+    except Refusal:  # it hangs on something that moves: on the truck
+        is_heading = False
     yaw = planar(poses, f"the transform of {printable(child, 60)!r}")[0][:, 2]
     times = [stamp for stamp, _ in samples]
     name = f"the transform from {printable(parent, 60)!r} to {printable(child, 60)!r}"
-    return _angles("transform", name, list(zip(times, yaw.tolist(), strict=True)), parent == path_frame)
+    return _angles("transform", name, list(zip(times, yaw.tolist(), strict=True)), is_heading)
 
 
 def _listed(names: Sequence[str] | dict[str, list[tuple[int, float]]]) -> str:

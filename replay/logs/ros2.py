@@ -57,6 +57,14 @@ FAMILIES: Final[Mapping[str, Family]] = _by_name(
     ("nav_msgs/msg/Path", "path", decoders.decode_path, (definitions.PATH,)),
     ("geometry_msgs/msg/PoseArray", "path", decoders.decode_pose_array, (definitions.POSE_ARRAY,)),
     ("autoware_planning_msgs/msg/Trajectory", "path", decoders.decode_trajectory, (definitions.TRAJECTORY,)),
+    ("nav_msgs/msg/Odometry", "stream", decoders.decode_odometry, (definitions.ODOMETRY,)),
+    ("geometry_msgs/msg/PoseStamped", "stream", decoders.decode_pose_stamped, (definitions.POSE_STAMPED,)),
+    (
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        "stream",
+        decoders.decode_pose_covariance,
+        (definitions.POSE_COVARIANCE,),
+    ),
     ("sensor_msgs/msg/JointState", "joints", decoders.decode_joints, (definitions.JOINTS,)),
     ("tf2_msgs/msg/TFMessage", "transforms", decoders.decode_transforms, (definitions.TRANSFORMS,)),
 )

@@ -155,6 +155,36 @@ def decode_pose_array(data: bytes, layout: int = 0) -> PoseSeries:
     return PoseSeries(header=header, stamps=_all_at(header, count), poses=poses, frames=frozenset())
 
 
+def _one(header: Header, pose: Array, speed: Array | None = None) -> PoseSeries:
+    return PoseSeries(header=header, stamps=_all_at(header, 1), poses=pose[None], frames=frozenset(), speed=speed)
+
+
+def decode_pose_stamped(data: bytes, layout: int = 0) -> PoseSeries:
+    """Decode a single pose. Raises CdrError."""
+    reader = CdrReader(data)
+    header, pose = _header(reader), reader.numbers("<f8", 7, "pose")
+    reader.finish()
+    return _one(header, pose)
+
+
+def decode_pose_covariance(data: bytes, layout: int = 0) -> PoseSeries:
+    """Decode a single pose with its covariance, which is not used. Raises CdrError."""
+    reader = CdrReader(data)
+    header, values = _header(reader), reader.numbers("<f8", 43, "pose")
+    reader.finish()
+    return _one(header, values[:7])
+
+
+def decode_odometry(data: bytes, layout: int = 0) -> PoseSeries:
+    """Decode a single pose with the speed ahead. Raises CdrError."""
+    reader = CdrReader(data)
+    header = _header(reader)
+    reader.text("child_frame_id")
+    pose, twist = reader.numbers("<f8", 43, "pose"), reader.numbers("<f8", 42, "twist")
+    reader.finish()
+    return _one(header, pose[:7], twist[:1])
+
+
 _POINT = np.dtype([("time", "<i4"), ("nanosec", "<u4"), ("pose", "<f8", (7,)), ("values", "<f4", (6,))])
 """A trajectory's point from an offset that is a multiple of eight, as all but the first are."""
 _SPEED, _FRONT_WHEEL = 0, 4  # of `values`, beside lateral speed, acceleration, heading rate, rear wheel angle

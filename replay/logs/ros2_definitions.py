@@ -87,3 +87,16 @@ TRANSFORMS = _definition(
     "MSG: geometry_msgs/Transform\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
     _HEADER, _TIME, _VECTOR, _QUATERNION,
 )  # fmt: skip
+POSE_STAMPED = _definition("std_msgs/Header header\ngeometry_msgs/Pose pose\n", _HEADER, _TIME, _POSE)
+_POSE_COVARIANCE = "MSG: geometry_msgs/PoseWithCovariance\ngeometry_msgs/Pose pose\nfloat64[36] covariance\n"
+POSE_COVARIANCE = _definition(
+    "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose\n", _HEADER, _TIME, _POSE_COVARIANCE, _POSE
+)
+ODOMETRY = _definition(
+    "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n"
+    "geometry_msgs/TwistWithCovariance twist\n",
+    _HEADER, _TIME, _POSE_COVARIANCE, _POSE,
+    "MSG: geometry_msgs/TwistWithCovariance\ngeometry_msgs/Twist twist\nfloat64[36] covariance\n",
+    "MSG: geometry_msgs/Twist\ngeometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n",
+    _VECTOR,
+)  # fmt: skip

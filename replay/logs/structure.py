@@ -30,6 +30,7 @@ MESSAGES: Final = {
         "Grid": "timestamp:time frame_id:string pose:foxglove.Pose column_count:fixed32 cell_size:foxglove.Vector2 "
         "row_stride:fixed32 cell_stride:fixed32 fields:foxglove.PackedElementField[] data:bytes",
         "PosesInFrame": "timestamp:time frame_id:string poses:foxglove.Pose[]",
+        "PoseInFrame": "timestamp:time frame_id:string pose:foxglove.Pose",
         "FrameTransform": "timestamp:time parent_frame_id:string child_frame_id:string translation:foxglove.Vector3 "
         "rotation:foxglove.Quaternion",
         "FrameTransforms": "transforms:foxglove.FrameTransform[]",

@@ -5,8 +5,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NoReturn
 
+import numpy as np
+
+from optim.arrays import frozen, frozen_int
 from replay.errors import LogError, printable
-from replay.logs.content import MAP_ROLES, PayloadError, Role
+from replay.logs.content import MAP_ROLES, PATH_ROLES, PayloadError, PoseSeries, Role
 from replay.logs.families import FAMILIES, Family
 from replay.logs.layout import LayoutError
 from replay.logs.planar import Refusal
@@ -39,12 +42,17 @@ class Topic:
     @property
     def title(self) -> str:
         """For lists in errors."""
-        count = len(self.messages)
+        count = len(self.each.messages) if isinstance(self, Stream) else len(self.messages)
         return f"{printable(self.name, 80)} ({self.schema}, {count} message{'s' * (count != 1)})"
+
+    @property
+    def where(self) -> str:
+        """How errors begin."""
+        return f"{self.family.role} topic {printable(self.name, 80)!r}"
 
     def fail(self, code: str, text: str, index: int | None = None) -> NoReturn:
         """Raise a LogError that names the topic, and the message if `index` is given."""
-        where = f"{self.family.role} topic {printable(self.name, 80)!r}"
+        where = self.where
         if index is not None:
             where += f", message {index}"
         raise LogError(code, self.log.path, f"{where}: {text}")
@@ -79,6 +87,42 @@ class Topic:
             self.fail("E_PAYLOAD", str(error), index)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Stream(Topic):
+    """A topic of single poses, read as one path: its only message is the last of them."""
+
+    each: Topic
+    """The topic itself."""
+
+    def decode(self, index: int) -> PoseSeries:
+        """All poses, by the time of their stamps, else of the log. Raises LogError."""
+        return self._joined
+
+    @cached_property
+    def _joined(self) -> PoseSeries:
+        series: list[PoseSeries] = [self.each.decode(i) for i in range(len(self.each.messages))]
+        stamps = np.concatenate([one.stamps for one in series])
+        if not stamps.any():
+            stamps = np.array([message.log_time for message in self.each.messages], np.int64)
+        speeds = [one.speed for one in series if one.speed is not None]
+        return PoseSeries(
+            header=series[0].header,
+            stamps=frozen_int(stamps),
+            poses=frozen(np.concatenate([one.poses for one in series])),
+            frames=frozenset(one.header.frame for one in series),
+            speed=frozen(np.concatenate(speeds)) if len(speeds) == len(series) else None,
+        )
+
+
+def _as_path(topic: Topic) -> Topic:
+    if topic.family.role != "stream":
+        return topic
+    last = topic.messages[-1:]
+    return Stream(
+        log=topic.log, name=topic.name, schema=topic.schema, channels=topic.channels, messages=last, each=topic
+    )  # fmt: skip
+
+
 def topics_of(log: Log) -> list[Topic]:
     """Topics that may hold a map or a path and have messages, by name."""
     groups: dict[tuple[str, str], list[Channel]] = {}
@@ -110,12 +154,15 @@ def choose_paths(
     log: Log, topics: Sequence[Topic], truck: str | None, trailer: str | None
 ) -> tuple[list[Topic], list[Topic]]:
     """Topics that may be the truck's path, and topics that may be the trailer's. Raises LogError if there is none."""
-    candidates = [topic for topic in topics if topic.family.role == "path"]
+    paths = [topic for topic in topics if topic.family.role == "path"]
+    streams = [topic for topic in topics if topic.family.role == "stream" and len(topic.messages) > 1]
+    named = (truck, trailer)  # beside paths, streams are used only where an option names one
+    candidates = [_as_path(topic) for topic in paths + [each for each in streams if not paths or each.name in named]]
     if not candidates:
         if any(channel.schema is None and channel.schema_id for channel in log.channels):
-            text = _nothing(log, "path", ("path",)) + "; some topics refer to schemas that are missing"
+            text = _nothing(log, "path", PATH_ROLES) + "; some topics refer to schemas that are missing"
             raise LogError("E_NO_SCHEMA", log.path, text)
-        raise LogError("E_NO_PATH", log.path, _nothing(log, "path", ("path",)))
+        raise LogError("E_NO_PATH", log.path, _nothing(log, "path", PATH_ROLES))
     likely = _beside(candidates, truck)
     trailers = likely if trailer is None else [_named(log, candidates, trailer, "--trailer-topic")]
     trucks = likely if truck is None else [_named(log, candidates, truck, "--path-topic")]
