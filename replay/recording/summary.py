@@ -46,7 +46,10 @@ def _verdict(tracks: list[Track], best: Track | None, required: float) -> list[s
     )
     asked = f" (required: {number(required)} m)" if math.isfinite(after["min_clearance"]) else ""
     safe = f"✓ Safe: audit passed, {clearance(after)}{asked}"
-    return [f"# ✓ {cell(best.style.label)} improved the path: J {percent}", "", f"**{detail}**", "", f"**{safe}**"]
+    gain = f"improved the path: J {percent}"
+    if not tracks[0].audit.get("passed"):
+        gain = f"is sound, the recorded path is not (J {percent})"
+    return [f"# ✓ {cell(best.style.label)} {gain}", "", f"**{detail}**", "", f"**{safe}**"]
 
 
 def clearance(metrics: Mapping[str, float]) -> str:
