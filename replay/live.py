@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 START_S: Final = 15.0
 """Time that a new viewer has to answer [s]."""
+WINDOW_S: Final = 2.0
+"""Time after which one that cannot open its window has ended [s]; it answers before that."""
 CONNECT_S: Final = 3.0
 """Time that a running one has [s]."""
 
@@ -72,19 +74,27 @@ def _started() -> str:
         )
     except OSError as error:
         raise NoViewer(f"--view: the viewer cannot be started: {error.strerror}") from None
-    deadline = time.monotonic() + START_S
-    while time.monotonic() < deadline:
+    _wait_for(process, port)
+    process.returncode = 0  # it outlives this process: nobody will wait for it
+    return f"rerun+http://127.0.0.1:{port}/proxy"
+
+
+def _wait_for(process: "subprocess.Popen[bytes]", port: int) -> None:
+    """Until the viewer answers, and has its window: without one it ends soon after. Raises NoViewer."""
+    deadline, answered = time.monotonic() + START_S, None
+    while answered is None or time.monotonic() < answered + WINDOW_S:
         if process.poll() is not None:
-            raise NoViewer(f"--view: the viewer ended at once with exit status {process.returncode}")
+            raise NoViewer(f"--view: the viewer ended at once (exit status {process.returncode}); is there a display?")
+        if answered is None and time.monotonic() > deadline:
+            process.kill()
+            process.wait()
+            raise NoViewer(f"--view: the viewer did not answer within {START_S:g} s")
         try:
             socket.create_connection(("127.0.0.1", port), 1.0).close()
+            answered = answered or time.monotonic()
         except OSError:
-            time.sleep(0.1)
-        else:
-            return f"rerun+http://127.0.0.1:{port}/proxy"
-    process.kill()
-    process.wait()
-    raise NoViewer(f"--view: the viewer did not answer within {START_S:g} s")
+            pass
+        time.sleep(0.1)
 
 
 class LiveView:

@@ -92,7 +92,7 @@ def _line(look: Style) -> rr.SeriesLines:
 
 def _blueprint(frame: Frame, legend: float, names: list[str]) -> rrb.Blueprint:
     """The plan with the present iterates, and J; the cursor follows."""
-    shown = ["/scene/map", "/scene/obstacles", "/scene/ends/**", "/scene/legend/paths", "/scene/recorded/**"]
+    shown = ["/scene/map", "/scene/obstacles", "/scene/ends/**", "/scene/legend/paths/**", "/scene/recorded/**"]
     shown += [entity("scene", name, "iterate") for name in names]
     plan = rrb.Spatial2DView(
         origin="/",
