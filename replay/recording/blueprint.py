@@ -206,7 +206,7 @@ def _residuals(content: Content) -> rrb.Vertical:
     half = len(plots) if len(plots) < 4 else (len(plots) + 1) // 2
     rows = [row for row in (plots[:half], plots[half:]) if row]
     help_line = rrb.TextDocumentView(origin="/report/residuals", name="What this shows")
-    shares = [0.3, *(2.0 for _ in rows)]
+    shares = [0.55, *(2.0 for _ in rows)]
     return rrb.Vertical(help_line, *(rrb.Horizontal(*row) for row in rows), row_shares=shares, name="Residuals")
 
 
