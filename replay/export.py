@@ -48,7 +48,7 @@ def write_export(runs: Sequence["Run"], path: str | os.PathLike[str]) -> None:
     """Write the runs of one log into a copy of it.
 
     The copy is written under a temporary name and read back before it gets its name. Raises LogError (E_EXPORT) where
-    the log is a folder, has changed since, or part of it is lost; ReplayError (E_WRITE) where the file cannot be written.
+    the log is a folder, has changed since, or part of it is lost; ReplayError (E_WRITE) where no file can be written.
     """
     case = runs[0].case
     if case.log.is_dir():
