@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from replay.run import Run
 
 _NO_VALUE = "–"
+_SAME = 1e-3
+"""Relative difference in J that is no difference [-]."""
 _LONGEST_OPTION = 60  # characters
 
 
@@ -42,7 +44,7 @@ def _verdict(tracks: list[Track], best: Track | None, required: float) -> list[s
     percent = change(before["objective"], after["objective"])
     detail = (
         f"J {cost[0]} → {cost[1]}, {length[0]} → {length[1]} m, "
-        f"{before['cusps']:g} → {count(after['cusps'], 'gear change')}"
+        f"{before['cusps']:g} → {count(after['cusps'], 'gear change')}{_as_good(tracks, best)}"
     )
     asked = f" (required: {number(required)} m)" if math.isfinite(after["min_clearance"]) else ""
     safe = f"✓ Safe: audit passed, {clearance(after)}{asked}"
@@ -50,6 +52,14 @@ def _verdict(tracks: list[Track], best: Track | None, required: float) -> list[s
     if not tracks[0].audit.get("passed"):
         gain = f"is sound, the recorded path is not (J {percent})"
     return [f"# ✓ {cell(best.style.label)} {gain}", "", f"**{detail}**", "", f"**{safe}**"]
+
+
+def _as_good(tracks: list[Track], best: Track) -> str:
+    """Other methods with the same J but for what nobody would notice: the time that they take may decide then."""
+    least = best.metrics["objective"]
+    improved = [track for track in tracks[1:] if track.status == "improved" and track is not best]
+    names = [cell(each.style.label) for each in improved if each.metrics["objective"] <= (1.0 + _SAME) * least]
+    return f"; as good within {100.0 * _SAME:g} %: {', '.join(names)}" if names else ""
 
 
 def clearance(metrics: Mapping[str, float]) -> str:
