@@ -42,15 +42,15 @@ def _verdict(tracks: list[Track], best: Track | None, required: float) -> list[s
     cost = [number(row["objective"], 1) for row in (before, after)]
     length = [number(row["length"], 1) for row in (before, after)]
     percent = change(before["objective"], after["objective"])
+    gain = f"improved the path: J {percent}"
+    if not tracks[0].audit.get("passed"):
+        gain = f"is sound, the recorded path is not (J {percent})"
     detail = (
         f"J {cost[0]} → {cost[1]}, {length[0]} → {length[1]} m, "
         f"{before['cusps']:g} → {count(after['cusps'], 'gear change')}{_as_good(tracks, best)}"
     )
     asked = f" (required: {number(required)} m)" if math.isfinite(after["min_clearance"]) else ""
     safe = f"✓ Safe: audit passed, {clearance(after)}{asked}"
-    gain = f"improved the path: J {percent}"
-    if not tracks[0].audit.get("passed"):
-        gain = f"is sound, the recorded path is not (J {percent})"
     return [f"# ✓ {cell(best.style.label)} {gain}", "", f"**{detail}**", "", f"**{safe}**"]
 
 
