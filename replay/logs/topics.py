@@ -13,6 +13,8 @@ from replay.logs.records import Channel, Log, Message
 from replay.logs.ros2 import FAMILIES, Family
 
 MAP_ROLES = ("grid", "markers")
+EXPORTED = "/replay/"
+"""Where paths are that this program itself has written into a copy of a log."""
 
 
 def is_wanted(channel: Channel) -> bool:
@@ -127,10 +129,6 @@ def choose_paths(
             f"topic {printable(trailer)!r} is the only path; it cannot be the trailer's",
         )
     return trucks, trailers
-
-
-EXPORTED = "/replay/"
-"""Where paths are that this program itself has written into a copy of a log."""
 
 
 def _beside(candidates: list[Topic], truck: str | None) -> list[Topic]:

@@ -20,7 +20,8 @@ _LONGEST_OPTION = 60  # characters
 
 def summary(run: "Run", tracks: list[Track], best: Track | None) -> str:
     """Verdict first, then the table, then every method's reason in its own words."""
-    lines = [*_verdict(tracks, best, run.case.problem.required_clearance), "", _comparison(tracks, best), ""]
+    lines = [*_verdict(tracks, best, run.case.problem.required_clearance), *_as_good(tracks, best)]
+    lines += ["", _comparison(tracks, best), ""]
     lines += [_outcome(track) for track in tracks[1:]]
     lines += _warnings(run, tracks[0])
     lines += ["", "**Space** plays. Solid: forward, dashed: reverse, ring: gear change, white bar: front wheel."]
@@ -47,19 +48,11 @@ def _verdict(tracks: list[Track], best: Track | None, required: float) -> list[s
         gain = f"is sound, the recorded path is not (J {percent})"
     detail = (
         f"J {cost[0]} → {cost[1]}, {length[0]} → {length[1]} m, "
-        f"{before['cusps']:g} → {count(after['cusps'], 'gear change')}{_as_good(tracks, best)}"
+        f"{before['cusps']:g} → {count(after['cusps'], 'gear change')}"
     )
     asked = f" (required: {number(required)} m)" if math.isfinite(after["min_clearance"]) else ""
     safe = f"✓ Safe: audit passed, {clearance(after)}{asked}"
     return [f"# ✓ {cell(best.style.label)} {gain}", "", f"**{detail}**", "", f"**{safe}**"]
-
-
-def _as_good(tracks: list[Track], best: Track) -> str:
-    """Other methods with the same J but for what nobody would notice: the time that they take may decide then."""
-    least = best.metrics["objective"]
-    improved = [track for track in tracks[1:] if track.status == "improved" and track is not best]
-    names = [cell(each.style.label) for each in improved if each.metrics["objective"] <= (1.0 + _SAME) * least]
-    return f"; as good within {100.0 * _SAME:g} %: {', '.join(names)}" if names else ""
 
 
 def clearance(metrics: Mapping[str, float]) -> str:
@@ -100,6 +93,16 @@ def _mark(track: Track) -> str:
         return "✗ rejected"
     # one letter where all is well: five methods fit into a window of 1280 pixels so
     return {"improved": "✓", "kept": "kept", "failed": "✗ failed"}.get(track.status, cell(track.status))
+
+
+def _as_good(tracks: list[Track], best: Track | None) -> list[str]:
+    """Other methods with the same J but for what nobody would notice: the time that they take may decide then."""
+    if best is None:
+        return []
+    least = (1.0 + _SAME) * best.metrics["objective"]
+    improved = [track for track in tracks[1:] if track.status == "improved" and track is not best]
+    names = [cell(each.style.label) for each in improved if each.metrics["objective"] <= least]
+    return ["", f"As good within {100.0 * _SAME:g} %: {', '.join(names)}"] if names else []
 
 
 def _outcome(track: Track) -> str:
