@@ -1,6 +1,7 @@
 """Two runs of one request, or two methods of one run, side by side."""
 
 import dataclasses
+import difflib
 import math
 import os
 import pathlib
@@ -96,9 +97,10 @@ def compare(a: str, b: str) -> Comparison:
         first, second = (dataclasses.replace(side, method=method) for side in (first, second))
     for side in (first, second):
         if side.method is not None and side.method not in side.names:
-            raise ReplayError(
-                COMPARE_ERROR, f"{side.file}: no method {side.method!r}; there are {', '.join(side.names)}"
-            )
+            nearest = difflib.get_close_matches(side.method, side.names, n=1)
+            guess = f" (did you mean {nearest[0]!r}?)" if nearest else ""
+            there = ", ".join(side.names)
+            raise ReplayError(COMPARE_ERROR, f"{side.file}: no method {side.method!r}{guess}; there are {there}")
     _require_comparable(first, second)
     notes, both = [], [name for name in first.names if name in second.names]
     if first.run.case.problem.weights != second.run.case.problem.weights:

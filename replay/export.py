@@ -48,9 +48,11 @@ def write_export(runs: Sequence["Run"], path: str | os.PathLike[str]) -> None:
     """Write the runs of one log into a copy of it.
 
     The copy is written under a temporary name and read back before it gets its name. Raises LogError (E_EXPORT) where
-    the log has changed since, or part of it is lost; ReplayError (E_WRITE) where the file cannot be written.
+    the log is a folder, has changed since, or part of it is lost; ReplayError (E_WRITE) where no file can be written.
     """
     case = runs[0].case
+    if case.log.is_dir():
+        raise LogError("E_EXPORT", case.log, "a folder of files is not copied; give --export one MCAP file")
     log = scan(case.log, lambda _: False)
     if log.sha256 != case.sha256:
         raise LogError("E_EXPORT", case.log, "it has changed since it was read")

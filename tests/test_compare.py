@@ -171,7 +171,8 @@ def test_a_document_with_a_field_that_is_no_good_is_refused(files, tmp_path, cha
 
 
 def test_what_is_not_there_is_named(files, tmp_path, capsys):
-    assert "no method 'scp'; there are recorded, shortcut, ddp" in refused(f"{files[0]}:scp", ":ddp")
+    assert "no method 'nlp'; there are recorded, shortcut, ddp" in refused(f"{files[0]}:nlp", ":ddp")
+    assert "no method 'shortct' (did you mean 'shortcut'?); there are" in refused(f"{files[0]}:shortct", ":ddp")
     assert run("compare", files[0], tmp_path / "none.json") == 2
     assert "No such file" in capsys.readouterr().err
     assert run("compare", *files, "--out", tmp_path / "both.png") == 2

@@ -1,5 +1,6 @@
 """Paths written back into a copy of their log: nothing of the log changes, and other software reads what is new."""
 
+import dataclasses
 import io
 import json
 import pathlib
@@ -7,6 +8,7 @@ import struct
 
 import numpy as np
 import pytest
+import recording_factory as factory
 from logs_maker import SECOND, LogMaker, drive, grid, path, sound_log, typestore, yard
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import DataEnd
@@ -16,7 +18,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 import replay.cli
 from replay.errors import LogError
-from replay.export import PATH, axle_poses, topic_names
+from replay.export import PATH, axle_poses, topic_names, write_export
 from replay.logs import ReadOptions, read_cases
 from replay.logs.append import NewTopic, append
 from replay.logs.container import scan
@@ -198,6 +200,18 @@ def test_a_log_that_has_lost_something_has_no_copy_but_its_results(tmp_path, cap
     assert run("optimize", tmp_path / "cut.mcap", *QUICK, "--out", tmp_path / "out") == 1
     assert [file.name for file in (tmp_path / "out").iterdir()] == ["cut.results.json"]
     assert "part of it is damaged" in capsys.readouterr().err
+
+
+def test_a_log_that_is_a_folder_or_another_file_by_now_is_refused(tmp_path):
+    log = sound_log().write(tmp_path / "yard.mcap")
+    made = factory.make_run()
+    folder = dataclasses.replace(made, case=dataclasses.replace(made.case, log=tmp_path))
+    with pytest.raises(LogError, match="a folder of files is not copied"):
+        write_export([folder], tmp_path / "out.mcap")
+    changed = dataclasses.replace(made, case=dataclasses.replace(made.case, log=log))
+    with pytest.raises(LogError, match="it has changed since it was read"):
+        write_export([changed], tmp_path / "out.mcap")
+    assert not (tmp_path / "out.mcap").exists()
 
 
 def test_an_input_is_not_overwritten_by_an_export(tmp_path, capsys):

@@ -9,6 +9,7 @@ from typing import Any
 
 from optim.methods import Method
 from optim.objective import Weights
+from optim.result import Iterate
 from replay.case import Case
 from replay.cli.console import Voice
 from replay.cli.outputs import Names, Outputs
@@ -16,6 +17,7 @@ from replay.cli.usage import ExitStatus
 from replay.errors import LogError, OutputLost, ReplayError
 from replay.export import write_export
 from replay.files import reserved
+from replay.live import LiveView
 from replay.logs import ReadOptions, read_cases
 from replay.progress import Progress
 from replay.results import to_document, tool, write_results
@@ -93,6 +95,8 @@ class Session:
     seed: int
     outputs: Outputs
     recording: bool
+    live: LiveView | None = None
+    """Shows the run while it goes on."""
     export: bool = False
     """Write the paths into a copy of each log."""
     limits: Limits = NO_LIMITS
@@ -164,13 +168,22 @@ class Session:
         self, case: Case, names: Names, entry: LogEntry, solver: Solve, position: str, finished: list[Run]
     ) -> None:
         interruption = None
+        live = self.live
         with self._progress(position) as progress:
             progress.show(case.name, "measuring the recorded path")
+            if live is not None:
+                live.begin(case)
+
+            def tell(name: str, iterate: Iterate) -> None:
+                progress.iterate(iterate)
+                if live is not None:
+                    live.iterate(name, iterate)
+
             try:
                 run = run_case(
                     case,
                     self.methods,
-                    on_iterate=lambda _, iterate: progress.iterate(iterate),
+                    on_iterate=tell,
                     on_start=lambda name: progress.show(f"{case.name} {name}", "starting"),
                     seed=self.seed,
                     solve=solver,
@@ -180,6 +193,10 @@ class Session:
         if run.methods:
             finished.append(run)
             self._finish_case(run, names, entry, position)
+        if live is not None:
+            if run.methods:
+                live.finish(run)
+            live.end()
         if interruption is not None:
             raise interruption
 

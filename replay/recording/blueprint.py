@@ -67,7 +67,7 @@ def _plan(content: Content, name: str, shown: list[str], legend: float = 0.0) ->
 
 def _of(track: Track, *parts: str) -> list[str]:
     """Entities of one path; vehicles and swept areas have children."""
-    nested = {"vehicle", "cusps", "swept", "closest", "rejected", "cost"}
+    nested = {"vehicle", "audit", "cusps", "swept", "closest", "rejected", "cost"}
     return [entity("scene", track.name, part) + ("/**" if part in nested else "") for part in parts]
 
 
@@ -115,7 +115,7 @@ def _signal(content: Content, name: str, legend: rrb.Corner2D | None) -> rrb.Tim
 
 def _overview(content: Content) -> rrb.Horizontal:
     recorded, best = content.tracks[0], content.best or content.tracks[0]
-    shown = ["/scene/legend/paths", *_of(recorded, "path", "cusps", "audit")]
+    shown = ["/scene/legend/paths/**", *_of(recorded, "path", "cusps", "audit")]
     for track in content.tracks[1:]:
         if track.status == "improved":
             shown += _of(track, "path", "cusps", "audit")
@@ -124,7 +124,7 @@ def _overview(content: Content) -> rrb.Horizontal:
     shown += _of(best, "swept", "vehicle", "whisker", "closest")
     plots = _signals_of(content, "clearance_m", "steering_deg", legend=False)  # the plan view has one
     summary = rrb.TextDocumentView(origin="/report/summary", name="Summary")
-    right = rrb.Vertical(summary, *plots, row_shares=[2.4, *(1.0 for _ in plots)])
+    right = rrb.Vertical(summary, *plots, row_shares=[2.7, *(1.0 for _ in plots)])
     title = f"Recorded and improved paths: {_KEY}" if content.best else f"Recorded path: {_KEY}"
     return rrb.Horizontal(_plan(content, title, shown, content.legend), right, column_shares=[11, 9], name="Overview")
 
@@ -184,7 +184,7 @@ def _directions(track: Track) -> list[int]:
 
 
 def _convergence(content: Content) -> rrb.Horizontal:
-    shown = ["/scene/legend/paths", *_of(content.tracks[0], "path", "cusps")]
+    shown = ["/scene/legend/paths/**", *_of(content.tracks[0], "path", "cusps")]
     shown += [path for track in content.tracks[1:] if track.iterates for path in _of(track, "iterate")]
     help_line = rrb.TextDocumentView(origin="/report/convergence", name="What this shows")
     first, *rest = (_over_iterations(plot, legend=None) for plot in content.progress)  # the plan view has one
@@ -206,7 +206,7 @@ def _residuals(content: Content) -> rrb.Vertical:
     half = len(plots) if len(plots) < 4 else (len(plots) + 1) // 2
     rows = [row for row in (plots[:half], plots[half:]) if row]
     help_line = rrb.TextDocumentView(origin="/report/residuals", name="What this shows")
-    shares = [0.3, *(2.0 for _ in rows)]
+    shares = [0.55, *(2.0 for _ in rows)]
     return rrb.Vertical(help_line, *(rrb.Horizontal(*row) for row in rows), row_shares=shares, name="Residuals")
 
 
@@ -214,8 +214,8 @@ def _costs(content: Content, track: Track) -> rrb.Horizontal:
     """What a method that moves points sees, and what became of it."""
     label, legend = track.style.label, max(content.legend, content.cost_legends[track.name])  # both to one scale
     dots = [entity("scene", track.name, "cost", part) for part in ("moved", "anchored")]
-    seen = [entity("scene", "legend", f"cost {track.name}"), *_of(track, "cost")]
-    driven = ["/scene/legend/paths", *_of(content.tracks[0], "path", "cusps"), *dots]
+    seen = [entity("scene", "legend", f"cost {track.name}") + "/**", *_of(track, "cost")]
+    driven = ["/scene/legend/paths/**", *_of(content.tracks[0], "path", "cusps"), *dots]
     outcome = f"the truck's path, {track.status}"
     if track.is_own:
         driven += _of(track, "path", "cusps")
@@ -227,7 +227,7 @@ def _costs(content: Content, track: Track) -> rrb.Horizontal:
 
 
 def _areas(content: Content) -> rrb.Spatial2DView:
-    shown = ["/scene/legend/areas"]
+    shown = ["/scene/legend/areas/**"]
     for track in content.tracks:
         if track.is_own:
             shown += [entity("scene", track.name, "swept", "outline"), *_of(track, "path")]

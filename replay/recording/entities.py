@@ -13,6 +13,9 @@ BODIES: Final = ("truck", "trailer")
 OUTSIDE: Final[Colour] = (17, 18, 21)
 """Behind everything."""
 BRIGHT: Final[Colour] = (235, 235, 235)
+LABEL: Final[Colour] = (255, 255, 255)
+"""Of every text in a plan view: what it stands on is dark in a dark viewer and grey in a light one, and no other
+colour can be read on both."""
 points = rr.Radius.ui_points
 """Widths and radii that do not grow when one zooms in."""
 
@@ -32,3 +35,8 @@ def image(pixels: np.ndarray, draw_order: float) -> rr.Image:
         datatype="U8",
         draw_order=draw_order,
     )
+
+
+def label(at: np.ndarray, text: str) -> rr.Points2D:
+    """A text at a place (x, y), on hardly a dot."""
+    return rr.Points2D([at], colors=[LABEL], radii=points(0.5), labels=[plain(text)], show_labels=True, draw_order=45.0)

@@ -13,12 +13,15 @@ if TYPE_CHECKING:
     from replay.run import Run
 
 _NO_VALUE = "–"
+_SAME = 1e-3
+"""Relative difference in J that is no difference [-]."""
 _LONGEST_OPTION = 60  # characters
 
 
 def summary(run: "Run", tracks: list[Track], best: Track | None) -> str:
     """Verdict first, then the table, then every method's reason in its own words."""
-    lines = [*_verdict(tracks, best, run.case.problem.required_clearance), "", _comparison(tracks, best), ""]
+    lines = [*_verdict(tracks, best, run.case.problem.required_clearance), *_as_good(tracks, best)]
+    lines += ["", _comparison(tracks, best), ""]
     lines += [_outcome(track) for track in tracks[1:]]
     lines += _warnings(run, tracks[0])
     lines += ["", "**Space** plays. Solid: forward, dashed: reverse, ring: gear change, white bar: front wheel."]
@@ -90,6 +93,16 @@ def _mark(track: Track) -> str:
         return "✗ rejected"
     # one letter where all is well: five methods fit into a window of 1280 pixels so
     return {"improved": "✓", "kept": "kept", "failed": "✗ failed"}.get(track.status, cell(track.status))
+
+
+def _as_good(tracks: list[Track], best: Track | None) -> list[str]:
+    """Other methods with the same J but for what nobody would notice: the time that they take may decide then."""
+    if best is None:
+        return []
+    least = (1.0 + _SAME) * best.metrics["objective"]
+    improved = [track for track in tracks[1:] if track.status == "improved" and track is not best]
+    names = [cell(each.style.label) for each in improved if each.metrics["objective"] <= least]
+    return ["", f"As good within {100.0 * _SAME:g} %: {', '.join(names)}"] if names else []
 
 
 def _outcome(track: Track) -> str:

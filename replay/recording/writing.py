@@ -60,7 +60,7 @@ def write(run: "Run", path: pathlib.Path, looks: Mapping[str, Style] | None = No
         try:
             memory = stream.memory_recording()
             stream.set_log_time_enabled(False)
-            _fill(stream, run, tracks, offset)
+            fill(stream, run, tracks, offset)
             content = memory.drain_as_bytes()
         finally:
             stream.disconnect()
@@ -80,7 +80,7 @@ def _version() -> str:
     return importlib.metadata.version(DISTRIBUTION)
 
 
-def _fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Array) -> None:
+def fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Array) -> None:
     problem, best = run.case.problem, best_of(tracks)
     frame = frame_around(problem.scene, [track.area for track in tracks])
     ground.log_ground(rec, run.case, frame)
