@@ -71,7 +71,7 @@ def optimize(
     _check_limits(time_limit, memory_limit)
     session = Session(
         voice=Voice(common or Common()),
-        methods=_chosen(method, _with_options(options, seed)),
+        methods=chosen(method, with_options(options, seed)),
         read=read_options(reading),
         weights=with_flags(Weights(), weights.weights, "weights") if weights else Weights(),
         seed=seed or 0,
@@ -89,7 +89,7 @@ def _check_limits(time_limit: float | None, memory_limit: int) -> None:
         raise UsageError(f"--memory-limit is {memory_limit}, expected {LEAST_MEMORY} MiB or more")
 
 
-def _with_options(options: Any, seed: int | None) -> dict[str, Method]:
+def with_options(options: Any, seed: int | None) -> dict[str, Method]:
     """The methods with the options and the seed that were given; a method's own --METHOD.seed wins."""
     methods = dict(METHODS)
     for name, plain in METHODS.items():
@@ -100,7 +100,7 @@ def _with_options(options: Any, seed: int | None) -> dict[str, Method]:
     return methods
 
 
-def _chosen(names: list[str] | None, methods: Mapping[str, Method]) -> dict[str, Method]:
+def chosen(names: list[str] | None, methods: Mapping[str, Method]) -> dict[str, Method]:
     """The named methods and chains of methods, in the order given, each once; all methods when none is named."""
     return {name: _named(name, methods) for name in names or methods}
 
