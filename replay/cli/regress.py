@@ -4,17 +4,16 @@ import math
 import pathlib
 import shlex
 import sys
-from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from optim.methods import METHODS, Method
-from optim.objective import Weights
+from optim.methods import METHODS
 from replay.cli.console import Common, Voice
-from replay.cli.optimize import LEAST_MEMORY, MethodFlags, WeightFlags, chosen, with_options
-from replay.cli.options import UsageError, with_flags
-from replay.cli.reading import Reading, read_options
+from replay.cli.optimize import MethodFlags, WeightFlags
+from replay.cli.options import UsageError
+from replay.cli.reading import Reading
+from replay.cli.settings import RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags, settled
 from replay.cli.usage import ExitStatus
 from replay.errors import ReplayError
 from replay.files import WRITE_ERROR
@@ -25,7 +24,7 @@ from replay.regress.finish import FINISH_ERROR
 from replay.regress.pool import run_here
 from replay.regress.running import Execute, Plan, carry_out, end, resumed, start
 from replay.regress.selection import select
-from replay.regress.settings import Settings
+from replay.regress.settings import Recordings, Settings
 from replay.regress.store import Store
 
 _FLAT = Parameter(name="*")
@@ -48,10 +47,12 @@ def run(
     resume: Annotated[bool, Parameter(negative=())] = False,
     jobs: int = 2,
     scheduler: str | None = None,
-    recordings: Literal["all", "changed", "none"] = "changed",
+    recordings: Recordings = "changed",
     seed: int | None = None,
     time_limit: float = 120.0,
     memory_limit: int = 4096,
+    config: pathlib.Path | None = None,
+    set_: Annotated[list[str] | None, Parameter(name="--set", negative=())] = None,
     shuffle: int | None = None,
     common: Annotated[Common | None, _FLAT] = None,
     reading: Annotated[Reading | None, _FLAT] = None,
@@ -94,25 +95,24 @@ def run(
         run to run.
     memory_limit
         Memory that the process of a log, and that of its methods, may use [MiB].
+    config
+        TOML file with options, as for `replay optimize`.
+    set_
+        One option as GROUP.OPTION=VALUE, as for `replay optimize`; may be given several times.
     shuffle
         Work on the logs in the random order of this seed. Results do not depend on it.
     """
     voice = Voice(common or Common())
-    _check(time_limit, memory_limit, jobs)
+    _check(time_limit, jobs)
     if scheduler is not None:
         check_address(scheduler)
     found = find_corpus(corpus)
-    methods = with_options(options, seed)
-    settings = Settings(
-        methods=_methods(method, found, methods),
-        read=read_options(reading),
-        weights=with_flags(Weights(), weights.weights, "weights") if weights else Weights(),
-        seed=seed or 0,
-        time_limit=time_limit,
-        memory_limit=memory_limit,
-        recordings=recordings,
-    )
-    logs, partial = select(found, method or (), tag or (), only or ())
+    limits: Layer = {RUN: {"time_limit": time_limit, "memory_limit": memory_limit}}
+    given: Layer = {RUN: ({"method": tuple(method)} if method else {}) | ({} if seed is None else {"seed": seed})}
+    layers = [limits] + ([] if config is None else [layer_of_file(config)])
+    layers += [layer_of_assignments(set_ or ()), given, layer_of_flags(None, reading, weights, options)]
+    settings, named = _settings(layers, found, recordings)
+    logs, partial = select(found, named, tag or (), only or ())
     plan = Plan(
         corpus=found.path,
         logs=logs,
@@ -120,7 +120,7 @@ def run(
         settings=settings,
         baseline=default_baseline(baseline, found.baseline),
         partial=partial,
-        partial_methods=bool(method),
+        partial_methods=bool(named),
         shuffle=shuffle,
     )
     store = resumed(plan, out) if resume else start(plan, out)
@@ -185,21 +185,30 @@ def _shown(value: Any) -> str:
     return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
-def _check(time_limit: float, memory_limit: int, jobs: int) -> None:
+def _check(time_limit: float, jobs: int) -> None:
     if not 0.0 < time_limit < math.inf:
         raise UsageError(f"--time-limit is {time_limit:g}, expected more than 0 s")
-    if memory_limit < LEAST_MEMORY:
-        raise UsageError(f"--memory-limit is {memory_limit}, expected {LEAST_MEMORY} MiB or more")
     if not 1 <= jobs <= 1024:
         raise UsageError(f"--jobs is {jobs}, expected 1 to 1024")
 
 
-def _methods(named: Sequence[str] | None, corpus: Corpus, methods: dict[str, Method]) -> dict[str, Method]:
-    """The methods of a run: those named, else those that the corpus names anywhere, else all."""
-    if named:
-        return chosen(list(named), methods)
-    wanted = dict.fromkeys(name for log in corpus.logs for name in log.methods or METHODS)
-    return chosen(list(wanted), methods)
+def _settings(layers: list[Layer], corpus: Corpus, recordings: Recordings) -> tuple[Settings, tuple[str, ...]]:
+    """The settings of a run, and the methods that were asked for: else those that the corpus names, else all."""
+    made = settled(layers)
+    named = made.run.method or ()
+    if not named:
+        wanted = dict.fromkeys(name for log in corpus.logs for name in log.methods or METHODS)
+        made = settled([*layers, {RUN: {"method": tuple(wanted)}}])
+    settings = Settings(
+        methods=made.methods,
+        read=made.read,
+        weights=made.weights,
+        seed=made.run.seed,
+        time_limit=made.run.time_limit,
+        memory_limit=made.run.memory_limit,
+        recordings=recordings,
+    )
+    return settings, named
 
 
 def _executor(scheduler: str | None, jobs: int) -> Execute:
