@@ -33,7 +33,9 @@ def fetched(address: str) -> pathlib.Path:
     scheme = address.partition("://")[0]
     options: dict[str, Any] = {"cache_storage": str(cache), "check_files": True}
     try:
-        return pathlib.Path(fsspec.open_local(f"filecache::{address}", filecache=options, **{scheme: {}}))  # type: ignore[arg-type]
+        return pathlib.Path(
+            fsspec.open_local(f"filecache::{address}", filecache=options, **{scheme: {"use_listings_cache": False}})
+        )  # type: ignore[arg-type]
     except Exception as error:  # as above
         raise _failed(address, error) from error
 
