@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from optim.methods import METHODS
+from replay.cli.against import time_against
 from replay.cli.console import Common, Voice
 from replay.cli.optimize import MethodFlags, WeightFlags
 from replay.cli.options import UsageError
@@ -45,6 +46,7 @@ def run(
     baseline: pathlib.Path | None = None,
     out: pathlib.Path = pathlib.Path("runs"),
     resume: Annotated[bool, Parameter(negative=())] = False,
+    against: str | None = None,
     jobs: int = 2,
     scheduler: str | None = None,
     recordings: Recordings = "changed",
@@ -81,6 +83,9 @@ def run(
         Folder in which runs are kept, each in a folder named by time and revision.
     resume
         Do the rest of the newest unfinished run of this corpus with these options.
+    against
+        Also time this version and another one in turns, on every log: the folder of an installed environment, or a git
+        revision. Exit status 1 if this one is slower for certain.
     jobs
         Number of logs that are worked on at a time.
     scheduler
@@ -124,7 +129,10 @@ def run(
         shuffle=shuffle,
     )
     store = resumed(plan, out) if resume else start(plan, out)
-    return _carried_out(voice, plan, store, out, _executor(scheduler, jobs))
+    status = _carried_out(voice, plan, store, out, _executor(scheduler, jobs))
+    if against is None or status in (ExitStatus.INTERRUPTED, ExitStatus.USAGE):
+        return status
+    return ExitStatus.SHORT if time_against(voice, plan, store, against) else status
 
 
 @regress.command

@@ -16,7 +16,8 @@ _STATES = ("crashed", "worse", "unread")
 class Bar:
     """A context manager around a run; the bar vanishes at the end. Does nothing unless enabled."""
 
-    def __init__(self, console: Console, *, enabled: bool) -> None:
+    def __init__(self, console: Console, *, enabled: bool, unit: str = "logs") -> None:
+        self._unit = unit
         self._bars = Bars(
             BarColumn(),
             MofNCompleteColumn(),
@@ -45,13 +46,21 @@ class Bar:
             self._begun, self._done_before = time.monotonic(), done
         else:
             self._counts[outcome.state] += 1
+        self.count(done, total)
+
+    def count(self, done: int, total: int) -> None:
+        """So much is done."""
         self._bars.update(self._task, completed=done, total=total, words=self.words(done, total))
 
     def words(self, done: int, total: int) -> str:
         """Rate, remaining time and failures so far."""
         rate = (done - self._done_before) / max(time.monotonic() - self._begun, 1e-9)
         failed = ", ".join(f"{self._counts[state]} {state}" for state in _STATES if self._counts[state])
-        parts = [f"{60.0 * rate:.3g} logs/min, {_duration((total - done) / rate)} left"] if rate > 0.0 else ["starting"]
+        parts = (
+            [f"{60.0 * rate:.3g} {self._unit}/min, {_duration((total - done) / rate)} left"]
+            if rate > 0.0
+            else ["starting"]
+        )
         return "; ".join([*parts, failed or "no failure"])
 
 

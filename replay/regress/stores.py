@@ -32,10 +32,9 @@ def fetched(address: str) -> pathlib.Path:
     cache = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "replay" / "objects"
     scheme = address.partition("://")[0]
     options: dict[str, Any] = {"cache_storage": str(cache), "check_files": True}
+    targets: dict[str, Any] = {scheme: {"use_listings_cache": False}}
     try:
-        return pathlib.Path(
-            fsspec.open_local(f"filecache::{address}", filecache=options, **{scheme: {"use_listings_cache": False}})
-        )  # type: ignore[arg-type]
+        return pathlib.Path(str(fsspec.open_local(f"filecache::{address}", filecache=options, **targets)))
     except Exception as error:  # as above
         raise _failed(address, error) from error
 
