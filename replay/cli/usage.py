@@ -35,6 +35,7 @@ _EXAMPLES = {
     "audit": "replay audit out/bay_01.results.json",
     "report": "replay report runs/tonight",
     "view": "replay view out",
+    "regress": "replay regress recordings",
     "compare": "replay compare before/bay_01.results.json after/bay_01.results.json",
 }
 
