@@ -2,17 +2,17 @@
 
 The child is forked once, and again after it had to be ended or has died; it stays warm between methods. It gets a
 problem and a method, and sends iterates and the outcome back. Ctrl-C is the parent's business: the child ignores it
-and is killed. When the parent dies, the system ends the child (Linux), else the child ends with its next word.
+and is killed. When the parent dies, the child is ended by the system (Linux), or ends with its next word.
 """
 
 import contextlib
-import ctypes
 import io
 import math
 import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -31,7 +31,7 @@ from replay.solving import Solved, solve
 GRACE_S = 2.0
 """Time that a method has to tell its next iterate after its time is up [s]; then its process is ended."""
 _MIB = 1 << 20
-_PR_SET_PDEATHSIG = 1
+_PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
 _ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP} if hasattr(signal, "SIGHUP") else set[signal.Signals]()
 """Signals that ask a process to end; only systems that have SIGHUP can isolate."""
 
@@ -105,7 +105,9 @@ class Worker:
         self._end()
         context = multiprocessing.get_context("fork")
         ours, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, ours, self.limits.memory_mib), daemon=True)
+        self._process = context.Process(
+            target=_serve, args=(theirs, ours, self.limits.memory_mib, os.getpid()), daemon=True
+        )
         with warnings.catch_warnings(), _signals_later():
             # threads of other libraries may run in this process by now; the child uses nothing that they hold
             warnings.simplefilter("ignore", DeprecationWarning)
@@ -159,15 +161,15 @@ class _Clock:
         return max(0.0, self._limit - self.spent())
 
 
-def _serve(pipe: Connection, parents: Connection, memory_mib: int | None) -> None:
+def _serve(pipe: Connection, parents: Connection, memory_mib: int | None, parent: int) -> None:
     """The child: solve what comes until the pipe closes."""
+    end_with_parent(parent)
     parents.close()  # else the pipe would never end
-    _end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for number in _ENDING - {signal.SIGINT}:
         signal.signal(number, signal.SIG_DFL)  # what the parent does on these is not for the child
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
-    _limit_memory(memory_mib)
+    limit_memory(memory_mib)
     with contextlib.suppress(EOFError, OSError):
         while True:
             problem, method, time_limit = pickle.loads(pipe.recv_bytes())
@@ -186,16 +188,22 @@ def _signals_later() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _end_with_parent() -> None:
-    """Have the system end this process when the one (strictly: the thread) that made it has gone, where it can."""
-    parent = multiprocessing.parent_process()
-    with contextlib.suppress(AttributeError, OSError):  # another system
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if parent is not None and os.getppid() != parent.pid:
-        os._exit(1)  # it had gone before
+def end_with_parent(parent: int) -> None:
+    """Have the system end this process when the thread that started it ends, where it can (Linux).
+
+    Without it a child of a killed process would work on, until it has its next word to say.
+    """
+    if sys.platform != "linux":
+        return
+    import ctypes
+
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it has gone in the meantime
+        os._exit(1)
 
 
-def _limit_memory(memory_mib: int | None) -> None:
+def limit_memory(memory_mib: int | None) -> None:
+    """Limit the data that this process may hold, where the system can [MiB]."""
     if memory_mib is None:
         return
     import resource  # not on every system
