@@ -2,11 +2,10 @@
 
 The child is forked once, and again after it had to be ended or has died; it stays warm between methods. It gets a
 problem and a method, and sends iterates and the outcome back. Ctrl-C is the parent's business: the child ignores it
-and is killed. When the parent dies, the system ends the child (Linux), else the child ends with its next word.
+and is killed. When the parent dies, the child is ended by the system (Linux), or ends with its next word.
 """
 
 import contextlib
-import ctypes
 import io
 import math
 import multiprocessing

@@ -1,6 +1,6 @@
 """Spoil sound results in many ways and see that the audit rejects every one, by the check that is meant to notice.
 
-Usage: python tools/sabotage.py LOG... [--seeds N] [--methods A,B] [--only TEXT] [--part K/N] [--jobs N]
+Usage: python tools/sabotage.py LOG... [--seeds N] [--first SEED] [--methods A,B] [--only TEXT] [--part K/N] [--jobs N]
 
 Sound claims are the recorded path of each log and what the methods make of it; those that pass the audit with some
 room are spoiled, `--seeds` times in each way, each time another path, another place, another amount. Then the check
@@ -36,6 +36,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("logs", type=pathlib.Path, nargs="+", metavar="LOG")
     parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--methods", default="shortcut,ddp", help="whose results are spoiled too")
     parser.add_argument("--only", default="", help="kinds whose name contains this")
     parser.add_argument("--part", default="1/1", help="K/N: of N parts of the kinds, the K-th")
@@ -53,7 +54,7 @@ def main() -> int:
     print(f"{'kind':52} {'check':11} {'rejected':>9} {'by it':>6} {'passes without':>15}")
     with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("fork")) as pool:
         for number in kinds:
-            tasks = [(number, seed) for seed in range(arguments.seeds)]
+            tasks = [(number, seed) for seed in range(arguments.first, arguments.first + arguments.seeds)]
             wrong += not _row(number, list(pool.map(_one, tasks, chunksize=5)))
     seconds, count = time.monotonic() - started, len(kinds) * arguments.seeds
     print(f"{len(kinds)} kinds, {count} spoiled claims, {seconds:.0f} s; {wrong} kinds not as meant")
