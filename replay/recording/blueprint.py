@@ -124,7 +124,7 @@ def _overview(content: Content) -> rrb.Horizontal:
     shown += _of(best, "swept", "vehicle", "whisker", "closest")
     plots = _signals_of(content, "clearance_m", "steering_deg", legend=False)  # the plan view has one
     summary = rrb.TextDocumentView(origin="/report/summary", name="Summary")
-    right = rrb.Vertical(summary, *plots, row_shares=[2.7, *(1.0 for _ in plots)])
+    right = rrb.Vertical(summary, *plots, row_shares=[2.95, *(1.0 for _ in plots)])
     title = f"Recorded and improved paths: {_KEY}" if content.best else f"Recorded path: {_KEY}"
     return rrb.Horizontal(_plan(content, title, shown, content.legend), right, column_shares=[11, 9], name="Overview")
 
