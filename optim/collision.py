@@ -67,6 +67,20 @@ def separating_gap(scene, k, rect, enough):
 
 
 @njit(cache=True)
+def _own_axis(rect, low_x, high_x, low_y, high_y, in_x, out_x, in_y, out_y):
+    """The rectangle's own axis of the largest gap: gap, normal away from the polygon, the polygon's vertex there."""
+    _, _, c, s, hx, hy = rect
+    gap, nx, ny, source = low_x - hx, -c, -s, in_x
+    if -high_x - hx > gap:
+        gap, nx, ny, source = -high_x - hx, c, s, out_x
+    if low_y - hy > gap:
+        gap, nx, ny, source = low_y - hy, s, -c, in_y
+    if -high_y - hy > gap:
+        gap, nx, ny, source = -high_y - hy, -s, c, out_y
+    return gap, nx, ny, source
+
+
+@njit(cache=True)
 def signed_distance(scene, k, rect):
     """Distance, witness on the rectangle, witness on polygon k, unit normal from polygon to rectangle.
 
@@ -94,14 +108,7 @@ def signed_distance(scene, k, rect):
         squared = (along - near_x) ** 2 + (across - near_y) ** 2
         if squared < best:
             best, best_x, best_y, vertex = squared, near_x, near_y, i
-    # axes of the rectangle: the normal points away from the polygon, the witness is the polygon's vertex
-    gap, nx, ny, source = low_x - hx, -c, -s, in_x
-    if -high_x - hx > gap:
-        gap, nx, ny, source = -high_x - hx, c, s, out_x
-    if low_y - hy > gap:
-        gap, nx, ny, source = low_y - hy, s, -c, in_y
-    if -high_y - hy > gap:
-        gap, nx, ny, source = -high_y - hy, -s, c, out_y
+    gap, nx, ny, source = _own_axis(rect, low_x, high_x, low_y, high_y, in_x, out_x, in_y, out_y)
     ox, oy = scene.vertices[source, 0], scene.vertices[source, 1]
     bx, by = ox + gap * nx, oy + gap * ny
     nearest, edge_nx, edge_ny, edge_bx, edge_by = math.inf, 0.0, 0.0, 0.0, 0.0

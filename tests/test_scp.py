@@ -16,7 +16,7 @@ from optim.problem import Problem, path_clearance
 from optim.result import Stop
 from optim.scene import make_scene
 from optim.scp.linearisation import Scales, convex_factor, linearise
-from optim.scp.statement import bucket, statement
+from optim.scp.statement import LINEAR, bucket, statement
 from optim.scp.subproblem import Limits, Penalty, parameter_values, solve_subproblem
 from optim.vehicle import Vehicle
 
@@ -59,6 +59,12 @@ def test_the_data_for_the_solver_are_those_that_cvxpy_makes_itself():
     np.testing.assert_allclose(ours.b, theirs["b"], atol=1e-12)
     np.testing.assert_allclose(ours.q, theirs["c"], atol=1e-12)
     assert stated.problem.is_dpp()
+
+
+def test_the_objective_that_is_compiled_has_no_parameters_so_that_long_paths_fit_into_memory():
+    stated = statement(32)
+    assert not stated.curved.objective.parameters()
+    assert {parameter.name() for parameter in stated.problem.objective.parameters()} == set(LINEAR.values())
 
 
 def test_the_step_and_its_multipliers_are_those_of_cvxpys_own_way_to_the_solver():

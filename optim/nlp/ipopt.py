@@ -83,7 +83,8 @@ class Ipopt:
         import casadi as ca
 
         program = build(self.problem, knots, required, pairs, self.units, self.step_range)
-        watch = _watcher(self, program, knots, required, tell)
+        sizes = (program.start.size, program.low_g.size)
+        watch = _watcher(sizes, _Teller(self, program, knots, required, tell))
         options: dict[str, Any] = {
             "print_time": False,
             "record_time": True,
@@ -128,16 +129,51 @@ class Ipopt:
         return float(np.abs(gaps).max()), float(max(short.max(initial=0.0), 0.0))
 
 
-def _watcher(ipopt: Ipopt, program: Program, like: Knots, required: Array, tell: Tell) -> Any:
-    """CasADi's callback that tells every iterate."""
-    import casadi as ca
+class _Teller:
+    """Turns iterates of IPOPT into reports."""
 
-    sizes = (program.start.size, program.low_g.size)
+    def __init__(self, ipopt: Ipopt, program: Program, like: Knots, required: Array, tell: Tell) -> None:
+        self.ipopt, self.program, self.like, self.required, self.tell = ipopt, program, like, required, tell
+        self._before: Array | None = None
+
+    def __call__(self, x: Array, g: Array, stats: dict[str, Any]) -> None:
+        knots = self.ipopt.knots_at(x, self.like)
+        if not np.isfinite(x).all() or (knots.h[knots.gear != 0] <= 0.0).any():
+            return  # an iterate that is no path
+        defect, missing = self.ipopt.violations(knots, self.required)
+        now = x[: 5 * len(self.like.phi)].copy()
+        step = 0.0 if self._before is None else float(np.abs(now - self._before).max())
+        self._before = now
+        self.tell(
+            Report(
+                knots=knots,
+                objective=objective_of(knots, self.ipopt.problem.weights),
+                violation=max(defect, missing),
+                step=step,
+                residuals=self._residuals(g, stats),
+            )
+        )
+
+    def _residuals(self, g: Array, stats: dict[str, Any]) -> dict[str, float]:
+        """What decides when IPOPT ends: its dual infeasibility, and the constraints as they are stated.
+
+        Its own account of the constraints has that of the slacks in it, which it mends only after the last iterate:
+        7e-2 was seen where the constraints held to 3e-10.
+        """
+        low, high = self.program.low_g, self.program.high_g
+        return {
+            "optimality": stats["iterations"]["inf_du"][-1] / self.ipopt.options.tolerance,
+            "constraints": float(np.maximum(low - g, g - high).max(initial=0.0)) / _VIOLATION,
+        }
+
+
+def _watcher(sizes: tuple[int, int], teller: _Teller) -> Any:
+    """CasADi's callback that tells every iterate; sizes: numbers of unknowns and of constraints."""
+    import casadi as ca
 
     class Watch(ca.Callback):
         def __init__(self) -> None:
             ca.Callback.__init__(self)
-            self.before: Array | None = None
             self.error: BaseException | None = None
             self.solver: Any = None
             self.construct("watch", {})
@@ -160,40 +196,10 @@ def _watcher(ipopt: Ipopt, program: Program, like: Knots, required: Array, tell:
 
         def eval(self, arguments: Any) -> list[int]:
             try:
-                self._tell(np.asarray(arguments[0]).ravel(), np.asarray(arguments[2]).ravel())
+                teller(np.asarray(arguments[0]).ravel(), np.asarray(arguments[2]).ravel(), self.solver.stats())
             except BaseException as error:  # through C++ nothing may fly; an interruption stops IPOPT, then flies on
                 self.error = error
                 return [1]
             return [0]
-
-        def _tell(self, x: Array, g: Array) -> None:
-            knots = ipopt.knots_at(x, like)
-            if not np.isfinite(x).all() or (knots.h[knots.gear != 0] <= 0.0).any():
-                return  # an iterate that is no path
-            defect, missing = ipopt.violations(knots, required)
-            now = x[: 5 * len(like.phi)]
-            step = 0.0 if self.before is None else float(np.abs(now - self.before).max())
-            self.before = now.copy()
-            tell(
-                Report(
-                    knots=knots,
-                    objective=objective_of(knots, ipopt.problem.weights),
-                    violation=max(defect, missing),
-                    step=step,
-                    residuals=self._residuals(g),
-                )
-            )
-
-        def _residuals(self, g: Array) -> dict[str, float]:
-            """What decides when IPOPT ends: its dual infeasibility, and the constraints as they are stated.
-
-            Its own account of the constraints has that of the slacks in it, which it mends only after the last
-            iterate: 7e-2 was seen where the constraints held to 3e-10.
-            """
-            infeasible = float(np.maximum(program.low_g - g, g - program.high_g).max(initial=0.0))
-            return {
-                "optimality": self.solver.stats()["iterations"]["inf_du"][-1] / ipopt.options.tolerance,
-                "constraints": infeasible / _VIOLATION,
-            }
 
     return Watch()

@@ -31,6 +31,8 @@ VACUOUS: Final = 1e6
 SLOTS: Final = 6
 """Collision rows of each knot and body."""
 BUCKET: Final = 32
+LINEAR: Final = {"phi": "g_phi", "h": "g_h", "nu": "lambda", "zeta": "mu"}
+"""The parameter that each variable is multiplied with in the objective."""
 
 _DEPENDS: Final = {0: (2,), 1: (2,), 2: (), 3: (3,)}  # on which states, besides itself, an interval's end depends
 _DIAGONAL: Final = {0: True, 1: True, 2: True, 3: False}  # whether its own state enters with factor one
@@ -56,16 +58,22 @@ class Statement:
     """A sub-problem in cvxpy, with its parameters and variables by name."""
 
     problem: "cp.Problem"
+    curved: "cp.Problem"
+    """The same without the linear terms of the objective, which `LINEAR` names."""
     parameters: dict[str, "cp.Parameter"]
     variables: dict[str, "cp.Variable"]
     num_knots: int
 
     @cached_property
     def compiled(self) -> Any:
-        """cvxpy's affine map from parameters to the data of a conic solver; made once."""
+        """cvxpy's affine map from parameters to the data of a conic solver; made once, of `curved`.
+
+        With parameters in the objective, cvxpy makes a dense table of variables by parameters on its way: 0.3 GiB for
+        200 knots, 27 GiB for 2000.
+        """
         import cvxpy as cp
 
-        return self.problem.get_problem_data(cp.CLARABEL)[0]
+        return self.curved.get_problem_data(cp.CLARABEL)[0]
 
     def data(self, values: Mapping[str, Array]) -> ConeData:
         """The solver's data for values of the parameters.
@@ -73,8 +81,12 @@ class Statement:
         The same as giving the values to the parameters and asking `get_problem_data`, without cvxpy's validation of
         each of 60 parameters, which takes 8 ms where the map itself takes 1 ms.
         """
+        stuffed = self.compiled["param_prob"]
         by_id = {parameter.id: values[name] for name, parameter in self.parameters.items()}
-        P, q, _, A, b = self.compiled["param_prob"].apply_parameters(by_id, quad_obj=True)
+        P, q, _, A, b = stuffed.apply_parameters(by_id, quad_obj=True)
+        for name, slope in LINEAR.items():
+            start = stuffed.var_id_to_col[self.variables[name].id]
+            q[start : start + values[slope].size] += values[slope].ravel(order="F")
         return ConeData(P, q, -A, b, self.compiled["dims"].zero)
 
     def unpack(self, x: Array) -> dict[str, Array]:
@@ -135,9 +147,12 @@ def statement(num_knots: int) -> Statement:
         size = M if name == "h" else K
         constraints += [value <= given(f"{name}_up", size), -value <= given(f"{name}_down", size)]
     constraints.append(zeta >= 0.0)
-    cost = given("g_phi", K) @ phi + given("g_h", M) @ h + 0.5 * cp.sum_squares(r)
-    cost += cp.sum(cp.multiply(given("lambda", M, 4), nu)) + 0.5 * cp.sum_squares(nu)
-    cost += cp.sum(cp.multiply(given("mu", K, 2), zeta)) + 0.5 * cp.sum_squares(zeta)
-    problem = cp.Problem(cp.Minimize(cost), constraints)
     variables = {variable.name(): variable for variable in (q, phi, h, nu, zeta, r)}
-    return Statement(problem=problem, parameters=parameters, variables=variables, num_knots=K)
+    squares = 0.5 * (cp.sum_squares(r) + cp.sum_squares(nu) + cp.sum_squares(zeta))
+    squares = 0.0 * (cp.sum(phi) + cp.sum(h)) + squares  # nothing, but cvxpy orders variables as it meets them
+    slopes = [
+        cp.sum(cp.multiply(given(slope, *variables[name].shape), variables[name])) for name, slope in LINEAR.items()
+    ]
+    curved = cp.Problem(cp.Minimize(squares), constraints)
+    problem = cp.Problem(cp.Minimize(squares + sum(slopes)), constraints)
+    return Statement(problem=problem, curved=curved, parameters=parameters, variables=variables, num_knots=K)

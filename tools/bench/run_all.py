@@ -16,7 +16,7 @@ from replay.cli import use_one_thread
 use_one_thread()
 
 from replay.kernels import drop_stale  # noqa: E402 - after the threads have been settled
-from tools.bench.peers import inner, machine, pairs, paths, paths_report  # noqa: E402
+from tools.bench.peers import floors, inner, machine, pairs, paths, paths_report, scaling, start  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 RESULTS = pathlib.Path(__file__).resolve().parent / "RESULTS.md"
@@ -24,6 +24,9 @@ SECTIONS = {
     "paths": (paths.run, paths_report.report),
     "inner": (inner.run, inner.report),
     "pairs": (pairs.run, pairs.report),
+    "scaling": (scaling.run, scaling.report),
+    "floors": (floors.run, floors.report),
+    "start": (start.run, start.report),
 }
 
 

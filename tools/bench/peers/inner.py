@@ -1,6 +1,8 @@
 """The section on DDP: our descent beside crocoddyl's on the same stages."""
 
+import contextlib
 import importlib.util
+import io
 import json
 import math
 import pathlib
@@ -37,6 +39,21 @@ def run(logs: list[pathlib.Path], folder: pathlib.Path) -> None:
         print(f"{log.stem:<13}" + "".join(f"{name} {r['seconds']:.3f} s  " for name, r in row.items()), flush=True)
         with atomic_write(file) as temporary:
             temporary.write_text(json.dumps(row, indent=1), encoding="utf-8")
+    _car_parking(folder)
+
+
+def _car_parking(folder: pathlib.Path) -> None:
+    """What `tools/bench/ddp.py` prints of pycddp, on the problem that it can state."""
+    file = folder / "car_parking.txt"
+    if file.exists() or importlib.util.find_spec("pycddp") is None:
+        return
+    from tools.bench.ddp import car_parking
+
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        car_parking()
+    with atomic_write(file) as temporary:
+        temporary.write_text(printed.getvalue().strip() + "\n", encoding="utf-8")
 
 
 def _row(case: Case, outcomes: list[crocoddyl_peer.Outcome]) -> Row:
@@ -84,6 +101,14 @@ def report(folder: pathlib.Path) -> str:
             f"Median ratio {statistics.median(whole):.1f} with its model in Python, at least "
             f"{statistics.median(bounds):.1f} with one in C++ (asked for: 3).",
         ]
+    parking = folder / "car_parking.txt"
+    if parking.exists():
+        lines += [
+            "",
+            "pycddp's dynamics, constraints and cost are the same at all stages, and it has no gear changes: it ",
+        ]
+        lines[-1] += "gets Tassa's car-parking problem instead, its cost in Python, wall time:"
+        lines += ["", "```", parking.read_text(encoding="utf-8").strip(), "```"]
     return "\n".join(lines)
 
 

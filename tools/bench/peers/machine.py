@@ -7,7 +7,7 @@ import platform
 import time
 
 OURS = ("numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel")
-PEERS = ("shapely", "python-fcl", "coal", "crocoddyl", "pycddp", "ompl")
+PEERS = ("shapely", "python-fcl", "coal", "crocoddyl", "pycddp")
 
 LIMITS = """\
 ## What this comparison does not show
@@ -20,7 +20,13 @@ LIMITS = """\
   is part of its time, since each log needs it anew.
 - Recorded paths come from a random planner. A better start would shorten every method's time, not all by the same.
 - What keeps clearance between the knots asks more of itself than a peer that keeps it at the knots only: ours come out
-  at a slightly higher J where obstacles touch, and pass the audit."""
+  at a slightly higher J where obstacles touch, and pass the audit.
+- fatrop and the culled hyperplanes choose their pairs once, before solving, as a script would; that is why the audit
+  turns their paths down, not the formulation.
+- OMPL's path simplifier (2.0.1) is missing since its Python package cannot take the state space of a truck with
+  trailer: `StateSpace` cannot be derived from there ("no constructor defined"), and `distance` and `interpolate` of a
+  class derived from `RealVectorStateSpace` are not called by the library. OpenSCvx (0.5.2) is missing since its
+  statement of gear segments and rectangles has not been written; it would have to compile with JAX for every log."""
 
 
 def head(rows: pathlib.Path) -> str:
