@@ -83,22 +83,27 @@ def fit_path(
     alpha: Array | None = None,
     initial_hitch: float = 0.0,
     options: FitOptions | None = None,
+    sigma: Array | None = None,
 ) -> Fit:
     """The drivable path through logged poses.
 
     poses: (n, 3) x [m], y [m], heading [rad, unwrapped]; neighbours differ in position. direction: (n - 1,), the
     gear of each interval. alpha: (n,) logged hitch angles, or None; then the hitch angle is integrated from
-    `initial_hitch`. Raises ValueError for fewer than two poses or unequal lengths.
+    `initial_hitch`. sigma: (n, 2), expected errors of each position [m] and heading [rad], at least those of the
+    options; where that of a heading is infinite, the heading is not known, at the ends neither.
+    Raises ValueError for fewer than two poses or unequal lengths.
     """
     options = options or FitOptions()
     poses, direction = np.asarray(poses, float), np.asarray(direction, int)
     if len(poses) < 2 or direction.shape != (len(poses) - 1,):
         raise ValueError(f"fit: {len(poses)} poses and {len(direction)} gears, expected n >= 2 and n - 1")
+    least = np.array([options.sigma_position, options.sigma_heading])
+    trust = 1.0 / np.maximum(least, np.zeros((len(poses), 2)) if sigma is None else sigma)
     lengths = _arc_lengths(poses)
     layout = _layout(lengths, direction, options.spacing)
     knots = _first_guess(vehicle, poses, lengths, layout, alpha, initial_hitch)
     for _ in range(options.max_iterations):
-        gaps, step = _gauss_newton(vehicle, poses, alpha, initial_hitch, layout, knots, lengths, options)
+        gaps, step = _gauss_newton(vehicle, poses, trust, alpha, initial_hitch, layout, knots, lengths, options)
         scale = min(1.0, _LARGEST_STEP / max(np.abs(step[: knots.size].reshape(-1, 5)[:, 4]).max(), 1e-12))
         knots = knots + scale * step[: knots.size].reshape(-1, 5)
         lengths = np.maximum(lengths + scale * step[knots.size :], 0.1 * lengths)
@@ -197,6 +202,7 @@ class _Triplets:
 def _gauss_newton(
     vehicle: Vehicle,
     poses: Array,
+    trust: Array,
     alpha: Array | None,
     initial_hitch: float,
     layout: _Layout,
@@ -207,8 +213,8 @@ def _gauss_newton(
     """Breaks of the kinematics now, and the step of all unknowns: knots (5 K), then lengths (n - 1)."""
     width = knots.size + len(lengths)
     gaps, jacobian = _gaps(vehicle, layout, knots, lengths)
-    free, right = _residuals(poses, alpha, layout, knots, lengths, options).matrix(width)
-    hard, gap = _constraints(poses, alpha, initial_hitch, layout, knots, gaps, jacobian).matrix(width)
+    free, right = _residuals(poses, trust, alpha, layout, knots, lengths, options).matrix(width)
+    hard, gap = _constraints(poses, trust, alpha, initial_hitch, layout, knots, gaps, jacobian).matrix(width)
     # the small diagonal blocks keep the factorisation sound where a direction carries no information
     normal = (free.T @ free + 1e-9 * sparse.identity(width)).tocsc()
     system = sparse.bmat([[normal, hard.T], [hard, -1e-12 * sparse.identity(len(gap))]], format="csc")
@@ -217,17 +223,16 @@ def _gauss_newton(
 
 
 def _residuals(
-    poses: Array, alpha: Array | None, layout: _Layout, knots: Array, lengths: Array, options: FitOptions
+    poses: Array, trust: Array, alpha: Array | None, layout: _Layout, knots: Array, lengths: Array, options: FitOptions
 ) -> _Triplets:
     """What is to become small: distance from the log, bend of the steering."""
     rows = _Triplets()
     at = layout.pose_knot[:, 0]
-    sigmas = [options.sigma_position, options.sigma_position, options.sigma_heading, options.sigma_heading]
     logged = poses if alpha is None else np.column_stack([poses, alpha])
     for column in range(logged.shape[1]):
-        weight = 1.0 / sigmas[column]
+        weight = trust[:, 0] if column < 2 else trust[:, 1]
         misfit = weight * (logged[:, column] - knots[at, column])
-        rows.add((5 * at + column)[:, None], np.full((len(at), 1), weight), misfit)
+        rows.add((5 * at + column)[:, None], weight[:, None], misfit)
     ds = lengths[layout.interval] / layout.pieces[layout.interval]
     inner = np.flatnonzero(np.diff(layout.left) == 1)  # pairs of steps within one segment
     h0, h1 = ds[inner], ds[inner + 1]
@@ -241,6 +246,7 @@ def _residuals(
 
 def _constraints(
     poses: Array,
+    trust: Array,
     alpha: Array | None,
     initial_hitch: float,
     layout: _Layout,
@@ -258,10 +264,11 @@ def _constraints(
         derivative[:, 6] *= share
         cols = np.column_stack([5 * (left + 1) + column, inputs])
         rows.add(cols, np.column_stack([np.ones(len(left)), -derivative]), -gaps[:, column])
-    start = [*poses[0], initial_hitch][: 4 if alpha is None else 3]
-    rows.add(np.arange(len(start))[:, None], np.ones((len(start), 1)), np.array(start) - knots[0, : len(start)])
-    goal = 5 * (layout.num_knots - 1) + np.arange(3)
-    rows.add(goal[:, None], np.ones((3, 1)), poses[-1] - knots[-1, :3])
+    for pose, knot, known in ((0, 0, trust[0, 1]), (-1, layout.num_knots - 1, trust[-1, 1])):
+        fixed = np.arange(3 if known > 0.0 else 2)
+        rows.add(5 * knot + fixed[:, None], np.ones((len(fixed), 1)), poses[pose, fixed] - knots[knot, fixed])
+    if alpha is None:
+        rows.add(np.array([[3]]), np.ones((1, 1)), np.array([initial_hitch - knots[0, 3]]))
     for before, after in layout.pose_knot[layout.pose_knot[:, 0] != layout.pose_knot[:, 1]]:
         cols = np.stack([5 * after + np.arange(4), 5 * before + np.arange(4)], axis=1)
         rows.add(cols, np.array([[1.0, -1.0]]), knots[before, :4] - knots[after, :4])

@@ -175,7 +175,14 @@ class _Reader:
         """The drivable path through the poses. Raises Refusal (E_KINEMATICS)."""
         try:
             with np.errstate(all="ignore"):
-                fit = fit_path(self.vehicle, recorded.poses, recorded.direction, alpha, self.options.initial_hitch)
+                fit = fit_path(
+                    self.vehicle,
+                    recorded.poses,
+                    recorded.direction,
+                    alpha,
+                    self.options.initial_hitch,
+                    sigma=recorded.sigma,
+                )
         except (ValueError, ArithmeticError, RuntimeError) as error:  # singular systems, values out of any range
             raise Refusal("E_KINEMATICS", f"no drivable path was found near its poses ({error})") from None
         check_fit(fit)
@@ -188,7 +195,7 @@ class _Reader:
         assert self.trailer is not None, "a request has a trailer's path only where the log has its topic"
         trailer, _ = to_plane(request.trailer, centre)
         length = self.vehicle.hitch_to_axle
-        at = trailer_at_poses(plane, request.series, trailer, request.trailer, length)[recorded.kept]
+        at = recorded.averaged(trailer_at_poses(plane, request.series, trailer, request.trailer, length))
         misfit = float(np.median(hitch_misfit(recorded.poses, at, length)))
         if misfit > TOLERANCE:
             text = (
