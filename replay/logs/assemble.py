@@ -8,7 +8,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from optim.arrays import Array, frozen
-from optim.fit import Fit, fit_path
+from optim.fit import Fit
 from optim.path import LENGTH_TOLERANCE
 from optim.problem import Problem
 from optim.vehicle import Vehicle
@@ -22,6 +22,7 @@ from replay.logs.pairing import TOLERANCE, hitch_angles, hitch_misfit, trailer_a
 from replay.logs.planar import Refusal
 from replay.logs.poses import RecordedPoses, kept_indices, recorded_poses, to_plane
 from replay.logs.records import Log
+from replay.logs.repair import repaired
 from replay.logs.roles import truck_and_trailer
 from replay.logs.ros2 import PoseSeries
 from replay.logs.topics import Topic, choose_map, choose_paths, is_wanted, refused, topics_of
@@ -140,7 +141,8 @@ class _Reader:
         plane, planar_notes = to_plane(request.series, log_map.centre)
         recorded = recorded_poses(plane, self.options.start_direction)
         alpha = self._hitch(request, plane, recorded, log_map.centre)
-        fit = self._fit(recorded, alpha)
+        fit, repairs = repaired(self.vehicle, log_map.scene, recorded, alpha, self.options.initial_hitch)
+        check_fit(fit)
         log_map.check_under(self.vehicle, _states(fit))
         nodes, node_notes = self._nodes(recorded, fit)
         problem = Problem(
@@ -152,7 +154,7 @@ class _Reader:
         )
         check_ends(problem, log_map.hint, alpha is None)
         checks = check_recorded(problem, recorded, fit, alpha, log_map.hint)
-        all_notes = (*notes, *log_map.notes, *planar_notes, *recorded.notes, *node_notes, *checks)
+        all_notes = (*notes, *log_map.notes, *planar_notes, *recorded.notes, *node_notes, *repairs, *checks)
         off, turned = deviation(plane, recorded, fit)
         read = ReadReport(
             poses=len(plane),
@@ -170,23 +172,6 @@ class _Reader:
             map=log_map.image,
             frame=frame,
         )
-
-    def _fit(self, recorded: RecordedPoses, alpha: Array | None) -> Fit:
-        """The drivable path through the poses. Raises Refusal (E_KINEMATICS)."""
-        try:
-            with np.errstate(all="ignore"):
-                fit = fit_path(
-                    self.vehicle,
-                    recorded.poses,
-                    recorded.direction,
-                    alpha,
-                    self.options.initial_hitch,
-                    sigma=recorded.sigma,
-                )
-        except (ValueError, ArithmeticError, RuntimeError) as error:  # singular systems, values out of any range
-            raise Refusal("E_KINEMATICS", f"no drivable path was found near its poses ({error})") from None
-        check_fit(fit)
-        return fit
 
     def _hitch(self, request: _Request, plane: Array, recorded: RecordedPoses, centre: Array) -> Array | None:
         """Hitch angles at the kept poses, shape (n,), or None without a trailer path."""
