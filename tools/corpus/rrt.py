@@ -7,7 +7,7 @@ of the samples it happened to go through: that is what the corpus is for.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -197,8 +197,9 @@ def plan(
     margin: float,
     seed: int,
     search: Search | None = None,
+    is_late: Callable[[], bool] = lambda: False,
 ) -> Found | None:
-    """The first path that the trees find from start to goal, or None after the largest number of samples.
+    """The first path that the trees find from start to goal, or None after the largest number of samples or too late.
 
     `areas` are in the site's frame, whose pose in the map is given; all else is in the map's. The path keeps the
     vehicle's limits and `margin` [m] from every obstacle, between samples too. The same seed gives the same path.
@@ -210,6 +211,8 @@ def plan(
         _Tree(goal, search, forward_in_time=False),
     )
     for iteration in range(search.max_iterations):
+        if is_late():
+            return None
         tree, other = trees if iteration % 2 == 0 else trees[::-1]
         index = planner.extend(tree, planner.draw())
         if index is None:

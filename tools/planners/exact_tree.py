@@ -1,0 +1,36 @@
+"""The bidirectional random tree over exact steering, as a planner among others."""
+
+import math
+from dataclasses import dataclass, field
+
+from tools.corpus.rrt import Search, plan
+from tools.planners.protocol import CONNECTION_SPACING, Plan, Task, assemble, deadline
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExactTree:
+    """Random curvature ramps and exact connections; see `tools.corpus.rrt`."""
+
+    search: Search = field(default_factory=Search)
+
+    @property
+    def name(self) -> str:
+        return "RRT"
+
+    def plan(self, task: Task, seed: int, time_limit: float = math.inf) -> Plan | None:
+        """The first path found; see `tools.planners.protocol.Planner`."""
+        found = plan(
+            task.vehicle,
+            task.scene,
+            task.start,
+            task.goal,
+            task.areas,
+            task.pose,
+            margin=task.margin,
+            seed=seed,
+            search=self.search,
+            is_late=deadline(time_limit),
+        )
+        if found is None:
+            return None
+        return assemble([edge.segment(CONNECTION_SPACING) for edge in found.edges], found.iterations)
