@@ -14,7 +14,7 @@ from optim.problem import Problem
 from optim.vehicle import Vehicle
 from replay.case import Case, ReadReport
 from replay.errors import LogError, printable
-from replay.logs.checks import check_ends, check_fit, check_recorded, deviation
+from replay.logs.checks import check_ends, check_fit, check_recorded, deviation, hitch_notes
 from replay.logs.container import scan
 from replay.logs.maps import LogMap, Maps, frame_name
 from replay.logs.options import ReadOptions
@@ -142,7 +142,7 @@ class _Reader:
         recorded = recorded_poses(plane, self.options.start_direction)
         alpha = self._hitch(request, plane, recorded, log_map.centre)
         fit, repairs = repaired(self.vehicle, log_map.scene, recorded, alpha, self.options.initial_hitch)
-        check_fit(fit)
+        check_fit(recorded, fit)
         log_map.check_under(self.vehicle, _states(fit))
         nodes, node_notes = self._nodes(recorded, fit)
         problem = Problem(
@@ -154,13 +154,18 @@ class _Reader:
         )
         check_ends(problem, log_map.hint, alpha is None)
         checks = check_recorded(problem, recorded, fit, alpha, log_map.hint)
+        if alpha is None:
+            checks += hitch_notes(problem, recorded, fit)
         all_notes = (*notes, *log_map.notes, *planar_notes, *recorded.notes, *node_notes, *repairs, *checks)
-        off, turned = deviation(plane, recorded, fit)
+        off = deviation(plane, recorded, fit)
         read = ReadReport(
             poses=len(plane),
             hitch="reconstructed" if alpha is None else "trailer path",
-            max_deviation_m=off,
-            max_deviation_rad=turned,
+            max_deviation_m=off.largest,
+            max_deviation_rad=off.largest_turn,
+            rms_deviation_m=off.rms,
+            rms_deviation_rad=off.rms_turn,
+            goal_hitch_sigma=fit.goal_hitch_sigma if alpha is None and not recorded.is_exact else 0.0,
             notes=all_notes,
         )
         return Case(

@@ -16,6 +16,7 @@ from replay.logs.motion import (
     headings_along,
     noise_of,
     rough_chain,
+    sideways,
     signed_travel,
     turning_points,
 )
@@ -34,6 +35,13 @@ SHORTEST_GEAR = 0.02
 """Travel below which a change of gear is noise [m]."""
 QUIET = Noise(position=0.0025, heading=0.0025)
 """Poses with less noise [m, rad] are used one by one: motion alone looks like that much where they are 1 m apart."""
+LARGEST_NOISE = 0.15
+"""Standard deviation of positions beyond which there is nothing to repair [m]."""
+LARGEST_JUMP = 0.5
+"""Distance sideways from pose to pose, against their headings, beyond which nothing drives there [m]."""
+NOTED_JUMP = 0.15
+"""The same from which a note tells of it [m]."""
+_NOISY = 6.0  # standard deviations of the noise that are no jump
 LARGEST_SLIP = np.radians(15.0)
 """Median angle between heading and motion beyond which the headings cannot be headings [rad]."""
 
@@ -57,6 +65,11 @@ class RecordedPoses:
     """For each pose of the message, the row that it is averaged into, -1 for none; None: nothing is averaged."""
     has_headings: bool = True
     """False where the headings are taken from the motion."""
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the poses have too little noise to matter."""
+        return self.noise.position <= QUIET.position and self.noise.heading <= QUIET.heading
 
     def averaged(self, values: Array) -> Array:
         """What belongs to each pose, averaged as the poses are but at the ends: from (num_poses, k) to (n, k)."""
@@ -132,6 +145,7 @@ def recorded_poses(plane: Array, start_direction: int) -> RecordedPoses:
         notes.append(f"its {len(poses)} poses are closer than {THINNED_TO:g} m; {len(rows)} of them are used")
         nearest = _nearest_row(poses, rows)[nearest]
         poses, kept, direction = poses[rows], kept[rows], direction[rows[:-1]]
+    notes += [] if is_missing else _jumps(poses, kept, noise)
     return RecordedPoses(
         poses=frozen(poses),
         direction=frozen_int(direction),
@@ -147,6 +161,9 @@ def _averaged_poses(plane: Array, noise: Noise, start_direction: int) -> Recorde
 
     The first and the last pose stay as they are.
     """
+    if noise.position > LARGEST_NOISE:
+        found, most = 100.0 * noise.position, 100.0 * LARGEST_NOISE
+        raise Refusal("E_KINEMATICS", f"its poses have noise of {found:.0f} cm, expected at most {most:.0f} cm")
     poses, chain = plane.copy(), rough_chain(plane[:, :2], noise.position)
     if len(chain) < 2:
         at = f"({plane[0, 0]:.2f}, {plane[0, 1]:.2f}) m"
@@ -168,9 +185,9 @@ def _averaged_poses(plane: Array, noise: Noise, start_direction: int) -> Recorde
     text = f"its poses have noise of {100.0 * noise.position:.1f} cm{degrees}"
     if len(used) < len(poses):
         text += f"; {len(poses)} of them are averaged over up to {length:.2f} m to {len(used)}"
-    notes = [_headings_note(start_direction)] if is_missing else []
     members = [np.flatnonzero(group == row) for row in range(len(used))]
     kept = np.array([0, *(rows[len(rows) // 2] for rows in members[1:-1]), len(poses) - 1])
+    notes = [_headings_note(start_direction)] if is_missing else _jumps(used, kept, noise)
     return RecordedPoses(
         poses=frozen(used),
         direction=frozen_int(direction),
@@ -195,6 +212,23 @@ def _averaged(values: Array, group: IntArray) -> Array:
 def _headings_note(start_direction: int) -> str:
     gear = "forward" if start_direction == 1 else "in reverse"
     return f"all headings are equal; they are taken from the motion, which starts {gear} (--start-direction)"
+
+
+def _jumps(poses: Array, kept: IntArray, noise: Noise) -> list[str]:
+    """A note on each jump sideways. Raises Refusal (E_KINEMATICS) where one is too large to be repaired."""
+    jump, s = sideways(poses), _travel(poses)
+    least = _NOISY * noise.position + 2.0 * noise.heading * np.diff(s)
+    notes = []
+    for row in np.flatnonzero(jump > NOTED_JUMP + least):
+        x, y = poses[row, :2]
+        text = (
+            f"it jumps sideways by {jump[row]:.2f} m from pose {kept[row]} at ({x:.2f}, {y:.2f}) m, {s[row]:.2f} m "
+            f"from the start, to pose {kept[row + 1]}"
+        )
+        if jump[row] > LARGEST_JUMP + least[row]:
+            raise Refusal("E_KINEMATICS", f"{text}, expected at most {LARGEST_JUMP:g} m")
+        notes.append(text)
+    return notes
 
 
 def _check_steps(plane: Array) -> None:
