@@ -108,3 +108,22 @@ def test_a_long_way_in_reverse_is_said_to_amplify_an_error_of_the_first_hitch_an
     (noisy,) = make.read_log(tmp_path / "noisy.mcap", make.log_of(wild))
     assert noisy.read.goal_hitch_sigma > 0.02
     assert any("the hitch angle at the goal is known to within" in note for note in noisy.read.notes)
+
+
+def test_a_stretch_without_poses_is_bridged_and_told(tmp_path: Path) -> None:
+    gap = np.delete(TRUTH[:, :3], slice(10, 15), axis=0)
+    (case,) = make.read_log(tmp_path / "gap.mcap", make.log_of(gap))
+    (note,) = [note for note in case.read.notes if "it has no poses for" in note]
+    assert "from pose 9 at (24." in note
+    off = KDTree(case.problem.recorded.samples.states[:, :2]).query(FINE[:, :2])[0]
+    assert off.max() < 0.06  # samples are 0.1 m apart
+    error = make.refusal_of(tmp_path / "long.mcap", make.log_of(np.delete(TRUTH[:, :3], slice(10, 24), axis=0)))
+    assert error.code == "E_PATH_DISCONTINUOUS"
+
+
+def test_a_jump_that_can_be_smoothed_is_told_with_its_place(tmp_path: Path) -> None:
+    truck = TRUTH[:, :3].copy()
+    truck[20:, :2] += 0.25 * np.array([-np.sin(truck[20, 2]), np.cos(truck[20, 2])])
+    (case,) = make.read_log(tmp_path / "jump.mcap", make.log_of(truck))
+    assert any("it jumps sideways by 0.2" in note and "from pose 19 at" in note for note in case.read.notes)
+    assert case.read.max_deviation_m > 0.02

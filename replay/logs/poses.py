@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optim.arrays import Array, IntArray, frozen, frozen_int
+from replay.logs.continuity import check_steps, jumps
 from replay.logs.motion import (
     NO_NOISE,
     SURE,
@@ -16,7 +17,6 @@ from replay.logs.motion import (
     headings_along,
     noise_of,
     rough_chain,
-    sideways,
     signed_travel,
     turning_points,
 )
@@ -25,8 +25,6 @@ from replay.logs.ros2 import PoseSeries
 
 LARGEST_COORDINATE = 1e6
 """Distance from the map beyond which a pose is no place [m]."""
-LARGEST_STEP = 2.0
-"""Distance between neighbouring poses beyond which the path is not continuous [m]."""
 SMALLEST_STEP = 0.005
 """Poses nearer to the one before are repetitions of it [m]: below it, noise decides about direction and gear."""
 THINNED_TO = 0.1
@@ -37,11 +35,6 @@ QUIET = Noise(position=0.0025, heading=0.0025)
 """Poses with less noise [m, rad] are used one by one: motion alone looks like that much where they are 1 m apart."""
 LARGEST_NOISE = 0.15
 """Standard deviation of positions beyond which there is nothing to repair [m]."""
-LARGEST_JUMP = 0.5
-"""Distance sideways from pose to pose, against their headings, beyond which nothing drives there [m]."""
-NOTED_JUMP = 0.15
-"""The same from which a note tells of it [m]."""
-_NOISY = 6.0  # standard deviations of the noise that are no jump
 LARGEST_SLIP = np.radians(15.0)
 """Median angle between heading and motion beyond which the headings cannot be headings [rad]."""
 
@@ -116,17 +109,17 @@ def recorded_poses(plane: Array, start_direction: int) -> RecordedPoses:
     """
     if len(plane) < 2:
         raise Refusal("E_PATH_SHORT", "it has one pose, expected a path")
-    _check_steps(plane)
+    gaps = check_steps(plane)
     noise = noise_of(plane)
     if noise.position > QUIET.position or noise.heading > QUIET.heading:
-        return _averaged_poses(plane, noise, start_direction)
+        return _averaged_poses(plane, noise, start_direction, gaps)
     kept, nearest = _distinct(plane[:, :2])
     if len(kept) < 2:
         raise Refusal(
             "E_PATH_ZERO_LENGTH",
             f"its {len(plane)} poses are all at ({plane[0, 0]:.2f}, {plane[0, 1]:.2f}) m",
         )
-    notes: list[str] = []
+    notes = gaps
     merged = len(plane) - len(kept)
     if merged:
         notes.append(f"{merged} of {len(plane)} poses repeat the one before and are merged with it")
@@ -145,7 +138,7 @@ def recorded_poses(plane: Array, start_direction: int) -> RecordedPoses:
         notes.append(f"its {len(poses)} poses are closer than {THINNED_TO:g} m; {len(rows)} of them are used")
         nearest = _nearest_row(poses, rows)[nearest]
         poses, kept, direction = poses[rows], kept[rows], direction[rows[:-1]]
-    notes += [] if is_missing else _jumps(poses, kept, noise)
+    notes += [] if is_missing else jumps(poses, kept, noise)
     return RecordedPoses(
         poses=frozen(poses),
         direction=frozen_int(direction),
@@ -156,7 +149,7 @@ def recorded_poses(plane: Array, start_direction: int) -> RecordedPoses:
     )
 
 
-def _averaged_poses(plane: Array, noise: Noise, start_direction: int) -> RecordedPoses:
+def _averaged_poses(plane: Array, noise: Noise, start_direction: int, gaps: list[str]) -> RecordedPoses:
     """`recorded_poses` where noise would decide about gears and steering: means of groups of neighbours.
 
     The first and the last pose stay as they are.
@@ -187,13 +180,13 @@ def _averaged_poses(plane: Array, noise: Noise, start_direction: int) -> Recorde
         text += f"; {len(poses)} of them are averaged over up to {length:.2f} m to {len(used)}"
     members = [np.flatnonzero(group == row) for row in range(len(used))]
     kept = np.array([0, *(rows[len(rows) // 2] for rows in members[1:-1]), len(poses) - 1])
-    notes = [_headings_note(start_direction)] if is_missing else _jumps(used, kept, noise)
+    notes = [_headings_note(start_direction)] if is_missing else jumps(used, kept, noise)
     return RecordedPoses(
         poses=frozen(used),
         direction=frozen_int(direction),
         kept=frozen_int(kept),
         nearest=frozen_int(np.searchsorted((kept[1:] + kept[:-1]) / 2.0, np.arange(len(poses)))),
-        notes=(*notes, text),
+        notes=(*gaps, *notes, text),
         noise=noise,
         group=frozen_int(group),
         has_headings=not is_missing,
@@ -212,40 +205,6 @@ def _averaged(values: Array, group: IntArray) -> Array:
 def _headings_note(start_direction: int) -> str:
     gear = "forward" if start_direction == 1 else "in reverse"
     return f"all headings are equal; they are taken from the motion, which starts {gear} (--start-direction)"
-
-
-def _jumps(poses: Array, kept: IntArray, noise: Noise) -> list[str]:
-    """A note on each jump sideways. Raises Refusal (E_KINEMATICS) where one is too large to be repaired."""
-    jump, s = sideways(poses), _travel(poses)
-    least = _NOISY * noise.position + 2.0 * noise.heading * np.diff(s)
-    notes = []
-    for row in np.flatnonzero(jump > NOTED_JUMP + least):
-        x, y = poses[row, :2]
-        text = (
-            f"it jumps sideways by {jump[row]:.2f} m from pose {kept[row]} at ({x:.2f}, {y:.2f}) m, {s[row]:.2f} m "
-            f"from the start, to pose {kept[row + 1]}"
-        )
-        if jump[row] > LARGEST_JUMP + least[row]:
-            raise Refusal("E_KINEMATICS", f"{text}, expected at most {LARGEST_JUMP:g} m")
-        notes.append(text)
-    return notes
-
-
-def _check_steps(plane: Array) -> None:
-    steps = np.hypot(*np.diff(plane[:, :2], axis=0).T)
-    row = int(np.argmax(steps))
-    if steps[row] <= LARGEST_STEP:
-        return
-    median = float(np.median(steps))
-    if median > LARGEST_STEP:
-        text = f"neighbouring poses are {median:.4g} m apart, expected at most {LARGEST_STEP:g}: are these metres?"
-        raise Refusal("E_RANGE", text)
-    here, there = plane[row, :2], plane[row + 1, :2]
-    text = (
-        f"it jumps by {steps[row]:.4g} m from pose {row} at ({here[0]:.2f}, {here[1]:.2f}) m to pose {row + 1} at "
-        f"({there[0]:.2f}, {there[1]:.2f}) m, expected at most {LARGEST_STEP:g} m"
-    )
-    raise Refusal("E_PATH_DISCONTINUOUS", text)
 
 
 def _distinct(xy: Array) -> tuple[IntArray, IntArray]:
