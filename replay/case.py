@@ -36,6 +36,12 @@ class ReadReport:
     """Largest distance between a pose of the log and the recorded path [m]."""
     max_deviation_rad: float
     """Largest difference in heading between a pose of the log and the recorded path [rad]."""
+    rms_deviation_m: float = 0.0
+    """Root mean square of these distances over all poses of the log [m]."""
+    rms_deviation_rad: float = 0.0
+    """The same of the headings [rad]."""
+    goal_hitch_sigma: float = 0.0
+    """Standard deviation of a reconstructed hitch angle at the last pose, from the poses' noise [rad]; else 0."""
     notes: tuple[str, ...] = ()
     """One line each: warnings about the log, then what is wrong with the recorded path."""
     lost: bool = False

@@ -6,6 +6,7 @@ and is killed. When the parent dies, the child is ended by the system (Linux), o
 """
 
 import contextlib
+import ctypes
 import io
 import math
 import multiprocessing

@@ -95,7 +95,8 @@ def _facts(case: Case) -> dict[str, str]:
     path, scene = problem.recorded, problem.scene
     gears = ", ".join(f"{'forward' if part.direction > 0 else 'reverse'} {part.length:.1f} m" for part in path.segments)
     hitch = _HITCH[read.hitch]
-    deviation = f"{read.max_deviation_m * 1e3:.1f} mm and {math.degrees(read.max_deviation_rad):.2f}°"
+    most = f"{read.max_deviation_m * 1e3:.1f} mm and {math.degrees(read.max_deviation_rad):.2f}°"
+    rms = f"{read.rms_deviation_m * 1e3:.1f} mm and {math.degrees(read.rms_deviation_rad):.2f}°"
     facts = {
         "case": case.name,
         "frame": case.frame,
@@ -103,7 +104,7 @@ def _facts(case: Case) -> dict[str, str]:
         "path": f"{read.poses} poses, {path.length:.2f} m, {gear_changes(path.num_cusps)}: {gears}",
         "start, goal": f"{_state(path.start)}; {_state(path.goal)}",
         "hitch angle": hitch,
-        "deviation": f"at most {deviation} from the logged poses",
+        "deviation": f"at most {most} from the logged poses, RMS {rms}",
         "clearance": f"{problem.recorded_clearance:.3f} m; results must keep {problem.required_clearance:.3f} m",
         "vehicle": ", ".join(f"{name} {value:g}" for name, value in dataclasses.asdict(problem.vehicle).items()),
     }

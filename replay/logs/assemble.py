@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.arrays import Array, frozen
-from optim.fit import Fit, fit_path
+from optim.fit import Fit
 from optim.path import LENGTH_TOLERANCE
 from optim.problem import Problem
 from optim.vehicle import Vehicle
 from replay.case import Case, ReadReport
 from replay.errors import LogError, printable
-from replay.logs.checks import check_ends, check_fit, check_recorded, deviation
+from replay.logs.checks import check_ends, check_fit, check_recorded, deviation, hitch_notes
 from replay.logs.content import PoseSeries
 from replay.logs.folder import open_log
 from replay.logs.frames import Frames, frame_name, in_frame
@@ -24,6 +24,7 @@ from replay.logs.pairing import TOLERANCE, hitch_angles, hitch_misfit, trailer_a
 from replay.logs.planar import Refusal
 from replay.logs.poses import RecordedPoses, kept_indices, recorded_poses, to_plane
 from replay.logs.records import Log
+from replay.logs.repair import repaired
 from replay.logs.roles import truck_and_trailer
 from replay.logs.stated import at_rear_axle, reference_offset, start_direction, steer_notes, with_stated_gears
 from replay.logs.topics import Topic, choose_map, choose_paths, is_wanted, refused, topics_of
@@ -158,7 +159,8 @@ class _Reader:
         recorded = with_stated_gears(recorded, request.series)
         hitch = self._hitch(request, plane, recorded, log_map.centre)
         alpha = hitch.alpha
-        fit = self._fit(recorded, hitch)
+        fit, repairs = repaired(self.vehicle, log_map.scene, recorded, alpha, hitch.initial)
+        check_fit(recorded, fit)
         log_map.check_under(self.vehicle, _states(fit))
         nodes, node_notes = self._nodes(recorded, fit)
         problem = Problem(
@@ -171,14 +173,18 @@ class _Reader:
         check_ends(problem, log_map.hint, alpha is None)
         checks = check_recorded(problem, recorded, fit, alpha, log_map.hint)
         checks += steer_notes(recorded, fit, request.series)
+        checks += hitch_notes(problem, recorded, fit) if alpha is None else []
         before = (*notes, *log_map.notes, *frame_notes, *planar_notes, *recorded.notes, *hitch.notes)
-        off, turned = deviation(plane, recorded, fit)
+        off = deviation(plane, recorded, fit)
         read = ReadReport(
             poses=len(plane),
             hitch=hitch.source,
-            max_deviation_m=off,
-            max_deviation_rad=turned,
-            notes=(*before, *node_notes, *checks),
+            max_deviation_m=off.largest,
+            max_deviation_rad=off.largest_turn,
+            rms_deviation_m=off.rms,
+            rms_deviation_rad=off.rms_turn,
+            goal_hitch_sigma=fit.goal_hitch_sigma if alpha is None and not recorded.is_exact else 0.0,
+            notes=(*before, *node_notes, *repairs, *checks),
         )
         return Case(
             name=f"{self.log.stem}/{number}",
@@ -190,16 +196,6 @@ class _Reader:
             frame=frame,
             time_ns=request.log_time,
         )
-
-    def _fit(self, recorded: RecordedPoses, hitch: Hitch) -> Fit:
-        """The drivable path through the poses. Raises Refusal (E_KINEMATICS)."""
-        try:
-            with np.errstate(all="ignore"):
-                fit = fit_path(self.vehicle, recorded.poses, recorded.direction, hitch.alpha, hitch.initial)
-        except (ValueError, ArithmeticError, RuntimeError) as error:  # singular systems, values out of any range
-            raise Refusal("E_KINEMATICS", f"no drivable path was found near its poses ({error})") from None
-        check_fit(fit)
-        return fit
 
     def _in_one_frame(self, request: _Request, log_map: LogMap) -> tuple[_Request, str, list[str]]:
         """The request in the frame of the map, that frame, and notes. Raises Refusal (E_FRAME)."""
@@ -229,7 +225,7 @@ class _Reader:
         assert self.trailer is not None, "a request has a trailer's path only where the log has its topic"
         trailer, _ = to_plane(request.trailer, centre)
         length = self.vehicle.hitch_to_axle
-        at = trailer_at_poses(plane, request.series, trailer, request.trailer, length)[recorded.kept]
+        at = recorded.averaged(trailer_at_poses(plane, request.series, trailer, request.trailer, length))
         misfit = float(np.median(hitch_misfit(recorded.poses, at, length)))
         if misfit > TOLERANCE:
             text = (

@@ -149,9 +149,9 @@ def at_poses(angles: Angles, recorded: RecordedPoses, series: PoseSeries, log_ti
     values = np.unwrap(angles.values)
     count = len(series.poses)
     if count > 1 and np.ptp(series.stamps) > 0:
-        alpha = _interpolated(angles, values, series.stamps)[recorded.kept]
+        alpha = _at_rows(_interpolated(angles, values, series.stamps), recorded)
     elif len(values) == count > 1:
-        alpha = values[recorded.kept]
+        alpha = _at_rows(values, recorded)
     else:
         time = series.header.stamp or log_time
         alpha = values[max(0, int(np.searchsorted(angles.times, time, side="right")) - 1)][None]
@@ -164,6 +164,10 @@ def at_poses(angles: Angles, recorded: RecordedPoses, series: PoseSeries, log_ti
             "E_HITCH", f"{angles.name}: the hitch angle is {np.degrees(alpha[row]):.0f} degrees, expected below 90"
         )
     return alpha if len(alpha) > 1 else float(alpha[0])
+
+
+def _at_rows(values: Array, recorded: RecordedPoses) -> Array:
+    return recorded.averaged(values[:, None])[:, 0]
 
 
 def _interpolated(angles: Angles, values: Array, stamps: IntArray) -> Array:

@@ -86,12 +86,18 @@ def with_stated_gears(recorded: RecordedPoses, series: PoseSeries) -> RecordedPo
 
 def _only(recorded: RecordedPoses, rows: IntArray, direction: IntArray) -> RecordedPoses:
     """The poses of some rows, the first and the last among them; an interval has the gear with which it is left."""
+    group = recorded.group
+    if group is not None:
+        row_now = np.full(len(recorded.poses) + 1, -1)  # the last one is for poses in no group, whose row is -1
+        row_now[rows] = np.arange(len(rows))
+        group = frozen_int(row_now[group])
     return dataclasses.replace(
         recorded,
         poses=frozen(recorded.poses[rows]),
         direction=frozen_int(direction[rows[:-1]]),
         kept=frozen_int(recorded.kept[rows]),
         nearest=frozen_int(nearest_row(recorded.poses, rows)[recorded.nearest]),
+        group=group,
     )
 
 
