@@ -23,15 +23,16 @@ A free roll-out over a whole segment is no check: in reverse errors grow like ex
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from optim.audit_data import (
+    WEIGHTS,
     Array,
-    Place,
     Refusal,
     Track,
     VehicleData,
@@ -41,6 +42,7 @@ from optim.audit_data import (
     read_weights,
 )
 from optim.audit_motion import BODIES, Sweep, integrate, sweep
+from optim.audit_report import AuditReport, Check, at_least, at_most
 
 ROUNDING = 1e-9
 """What the spacing may exceed its limit by [m], since arc lengths are sums."""
@@ -74,53 +76,6 @@ class Tolerances:
     """Longest step of the re-integration [m]."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Check:
-    """The outcome of one check. The names in `values` and `limits` end in their units."""
-
-    passed: bool
-    sentence: str
-    values: Mapping[str, float]
-    limits: Mapping[str, float]
-    place: Mapping[str, float | int | str] | None = None
-    """Where it is worst: `segment` (index), `s` (arc length in it [m]), `body`, `polygon` (index)."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data; what is not finite becomes None."""
-        parts = {"values": self.values, "limits": self.limits, "place": self.place}
-        return {"passed": self.passed, "sentence": self.sentence, **{k: _plain(v) for k, v in parts.items()}}
-
-
-@dataclass(frozen=True, kw_only=True)
-class AuditReport:
-    """The outcome of an audit."""
-
-    checks: Mapping[str, Check]
-    """All checks that could be made, by name."""
-    complete: bool
-    """False when damage left some checks without sense; the report has not passed then."""
-
-    @property
-    def passed(self) -> bool:
-        """Whether every check was made, and passed."""
-        return self.complete and all(check.passed for check in self.checks.values())
-
-    @property
-    def failed(self) -> tuple[str, ...]:
-        """Names of the checks that did not pass."""
-        return tuple(name for name, check in self.checks.items() if not check.passed)
-
-    @property
-    def failures(self) -> tuple[str, ...]:
-        """What is wrong, one line for each check that did not pass."""
-        return tuple(f"{name}: {self.checks[name].sentence}" for name in self.failed)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, as the results file stores it."""
-        checks = {name: check.to_dict() for name, check in self.checks.items()}
-        return {"passed": self.passed, "complete": self.complete, "checks": checks}
-
-
 def audit_path(
     vehicle: Mapping[str, Any],
     scene: Mapping[str, Any],
@@ -136,7 +91,7 @@ def audit_path(
     The arguments are parts of a results document: `vehicle`, `scene` (`polygons`, and `boundary` or null),
     the `recorded` path, the method's `path`, the `weights`, and `objective` of the method's metrics.
     """
-    return _audit(vehicle, scene, path, tolerances, _Claim(recorded, weights, reported_objective))
+    return _audit(_Document(vehicle, scene, path, _Claim(recorded, weights, reported_objective)), tolerances, ALL)
 
 
 def audit_recorded(
@@ -147,7 +102,7 @@ def audit_recorded(
     tolerances: Tolerances = Tolerances(),
 ) -> AuditReport:
     """Check that a path is drivable and free: all checks but `start`, `goal` and `objective`."""
-    return _audit(vehicle, scene, path, tolerances, None)
+    return _audit(_Document(vehicle, scene, path, None), tolerances, ALL)
 
 
 class _Claim(NamedTuple):
@@ -158,62 +113,73 @@ class _Claim(NamedTuple):
     objective: Any
 
 
-def _audit(vehicle: Any, scene: Any, path: Any, tolerances: Tolerances, claim: _Claim | None) -> AuditReport:
+class _Document(NamedTuple):
+    """Parts of a results document, as they are."""
+
+    vehicle: Any
+    scene: Any
+    path: Any
+    claim: _Claim | None
+
+
+class _Subject(NamedTuple):
+    """What the checks look at: a document as read, and what follows from it."""
+
+    vehicle: VehicleData
+    track: Track
+    recorded: Track
+    recomputed: float
+    """J of the path."""
+    reported: Any
+    defects: Array
+    """Of x, y, theta, alpha in each interval. Shape (4, M)."""
+    hitch: Array
+    """Largest |alpha| in each interval [rad]. Shape (M,)."""
+    swept: Sweep
+    tolerances: Tolerances
+
+
+def _audit(document: _Document, tolerances: Tolerances, wanted: Container[str]) -> AuditReport:
+    """`wanted`: those of `ALL` to make. Fewer than all only show what the others are there for."""
     checks: dict[str, Check] = {}
     try:
         with np.errstate(all="ignore"):  # overflow ends as inf or NaN, and neither passes a check
-            _check_all(checks, vehicle, scene, path, tolerances, claim)
+            complete = _check_all(checks, document, tolerances, wanted)
     except Refusal as refusal:
         checks[refusal.name] = Check(passed=False, sentence=str(refusal), values={}, limits={})
-        return AuditReport(checks=checks, complete=False)
-    return AuditReport(checks=checks, complete=checks["spacing"].passed)
+        complete = False
+    return AuditReport(checks=checks, complete=complete)
 
 
-def _check_all(
-    checks: dict[str, Check], vehicle: Any, scene: Any, path: Any, tolerances: Tolerances, claim: _Claim | None
-) -> None:
-    """Fill in the checks as far as they make sense."""
-    truck, world, track = read_vehicle(vehicle), read_scene(scene), read_path(path, "path")
+def _check_all(checks: dict[str, Check], document: _Document, tolerances: Tolerances, wanted: Container[str]) -> bool:
+    """Fill in the checks as far as they make sense; whether that was all of them."""
+    vehicle, scene = read_vehicle(document.vehicle), read_scene(document.scene)
+    track, claim = read_path(document.path, "path"), document.claim
     recorded = read_path(claim.recorded, "recorded") if claim else track
-    weights = read_weights(claim.weights) if claim else {}
-    counts = f"{len(track.directions)} segments, {len(track.segment)} samples, {len(world.polygons)} polygons"
+    weights: Mapping[str, float] = read_weights(claim.weights) if claim else dict.fromkeys(map(str, WEIGHTS), 0.0)
+    counts = f"{len(track.directions)} segments, {len(track.segment)} samples, {len(scene.polygons)} polygons"
     checks["structure"] = checks["finite"] = Check(passed=True, sentence=counts, values={}, limits={})
-    checks["spacing"] = _spacing(track, tolerances)
-    if not checks["spacing"].passed:
-        return  # rates and defects are defined by the spacing
-    ends, hitch = integrate(truck, track, tolerances.substep)
+    if "spacing" in wanted:
+        checks["spacing"] = _spacing(track, tolerances)
+        if not checks["spacing"].passed:
+            return False  # rates and defects are defined by the spacing
+    ends, hitch = integrate(vehicle, track, tolerances.substep)
     defects = track.after[1:5] - ends
-    checks["joints"] = _joints(track)
-    if claim:
-        checks["start"] = _start(track, recorded)
-        checks["goal"] = _goal(track, recorded, tolerances)
-    checks["defect"] = _largest_defects(track, defects, tolerances)
-    checks["defect_sum"] = _sums_of_defects(defects, tolerances)
-    checks |= _limits(truck, track, hitch, tolerances)
-    swept = sweep(truck, world, track, defects)
-    checks["clearance"] = _clearance(track, swept, tolerances)
-    if world.boundary is not None:
-        checks["boundary"] = _boundary(track, swept, tolerances)
-    if claim:
-        checks["objective"] = _objective(_recomputed(track, weights), claim.objective, tolerances)
-
-
-def _at_most(what: str, quantities: dict[str, tuple[float, float, str]], place: Place | None = None) -> Check:
-    """Every quantity, given as name: (value, limit, unit), at most its limit; NaN is not."""
-    parts = [f"{name} {value:.6g} {unit} (limit {limit:.6g})" for name, (value, limit, unit) in quantities.items()]
-    return Check(
-        passed=all(value <= limit for value, limit, _ in quantities.values()),
-        sentence=f"{what}: {', '.join(parts)}",
-        values={f"{name}_{unit}": float(value) for name, (value, _, unit) in quantities.items()},
-        limits={f"{name}_{unit}": float(limit) for name, (_, limit, unit) in quantities.items()},
-        place=place,
+    subject = _Subject(
+        vehicle=vehicle,
+        track=track,
+        recorded=recorded,
+        recomputed=_recomputed(track, weights),
+        reported=claim.objective if claim else None,
+        defects=defects,
+        hitch=hitch,
+        swept=sweep(vehicle, scene, track, defects),
+        tolerances=tolerances,
     )
-
-
-def _plain(part: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    if part is None:
-        return None
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in part.items()}
+    without = () if claim else OF_A_CLAIM
+    without = without if scene.boundary is not None else (*without, "boundary")
+    checks |= {name: check(subject) for name, check in CHECKS.items() if name in wanted and name not in without}
+    return True
 
 
 def _spacing(track: Track, tolerances: Tolerances) -> Check:
@@ -225,10 +191,11 @@ def _spacing(track: Track, tolerances: Tolerances) -> Check:
         "repeated": (np.count_nonzero(ds == 0.0), 0, "samples"),
         "start": (np.abs(track.samples[0, track.firsts]).max(), 0.0, "m"),
     }
-    return _at_most("distance between samples", quantities, track.place(track.left[worst]))
+    return at_most("distance between samples", quantities, track.place(track.left[worst]))
 
 
-def _joints(track: Track) -> Check:
+def _joints(subject: _Subject) -> Check:
+    track = subject.track
     later = track.firsts[1:]
     gaps = np.abs(track.samples[1:5, later] - track.samples[1:5, later - 1])
     quantities = {
@@ -237,83 +204,81 @@ def _joints(track: Track) -> Check:
         "hitch": (gaps[3].max(initial=0.0), 0.0, "rad"),
     }
     place = track.place(later[int(np.argmax(gaps.max(axis=0)))]) if len(later) else None
-    return _at_most("gap between segments", quantities, place)
+    return at_most("gap between segments", quantities, place)
 
 
-def _start(track: Track, recorded: Track) -> Check:
-    off = np.abs(track.samples[1:5, 0] - recorded.samples[1:5, 0])
+def _start(subject: _Subject) -> Check:
+    off = np.abs(subject.track.samples[1:5, 0] - subject.recorded.samples[1:5, 0])
     quantities = {"position": (off[:2].max(), 0.0, "m"), "heading": (off[2], 0.0, "rad"), "hitch": (off[3], 0.0, "rad")}
-    return _at_most("start, from the recorded one", quantities, track.place(0))
+    return at_most("start, from the recorded one", quantities, subject.track.place(0))
 
 
-def _goal(track: Track, recorded: Track, tolerances: Tolerances) -> Check:
-    x, y, theta, alpha = track.samples[1:5, -1] - recorded.samples[1:5, -1]
+def _goal(subject: _Subject) -> Check:
+    x, y, theta, alpha = subject.track.samples[1:5, -1] - subject.recorded.samples[1:5, -1]
+    tolerances = subject.tolerances
     quantities = {
         "position": (math.hypot(x, y), tolerances.goal_position, "m"),
         "heading": (abs(math.remainder(theta, math.tau)), tolerances.goal_angle, "rad"),
         "hitch": (abs(alpha), tolerances.goal_angle, "rad"),
     }
-    return _at_most("goal, from the recorded one", quantities, track.place(-1))
+    return at_most("goal, from the recorded one", quantities, subject.track.place(-1))
 
 
-def _largest_defects(track: Track, defects: Array, tolerances: Tolerances) -> Check:
+def _largest_defects(subject: _Subject) -> Check:
+    track, defects, tolerances = subject.track, subject.defects, subject.tolerances
     sizes = np.stack([np.hypot(*defects[:2]), *np.abs(defects[2:])])
     limits = tolerances.defect_position, tolerances.defect_angle, tolerances.defect_angle
     worst = int(np.argmax((sizes / np.array(limits)[:, None]).max(axis=0)))
     names = zip(("position", "heading", "hitch"), sizes.max(axis=1), limits, ("m", "rad", "rad"), strict=True)
     quantities = {name: (value, limit, unit) for name, value, limit, unit in names}
-    return _at_most("largest defect of an interval", quantities, track.place(track.left[worst]))
+    return at_most("largest defect of an interval", quantities, track.place(track.left[worst]))
 
 
-def _sums_of_defects(defects: Array, tolerances: Tolerances) -> Check:
+def _sums_of_defects(subject: _Subject) -> Check:
+    defects, tolerances = subject.defects, subject.tolerances
     quantities = {
         "position": (np.hypot(*defects[:2]).sum(), tolerances.sum_position, "m"),
         "heading": (np.abs(defects[2]).sum(), tolerances.sum_angle, "rad"),
         "hitch": (np.abs(defects[3]).sum(), tolerances.sum_angle, "rad"),
     }
-    return _at_most("sum of defects", quantities)
+    return at_most("sum of defects", quantities)
 
 
-def _limits(vehicle: VehicleData, track: Track, hitch: Array, tolerances: Tolerances) -> dict[str, Check]:
-    steer = np.abs(track.samples[5])
+def _steer(subject: _Subject) -> Check:
+    steer, track = np.abs(subject.track.samples[5]), subject.track
+    quantities = {"steer": (steer.max(), _relaxed(subject, "max_steer"), "rad")}
+    return at_most("largest steering angle", quantities, track.place(int(np.argmax(steer))))
+
+
+def _hitch(subject: _Subject) -> Check:
+    quantities = {"hitch": (subject.hitch.max(), _relaxed(subject, "max_hitch"), "rad")}
+    place = subject.track.place(subject.track.left[int(np.argmax(subject.hitch))])
+    return at_most("largest hitch angle", quantities, place)
+
+
+def _steer_rate(subject: _Subject) -> Check:
+    track = subject.track
     rate = np.abs(track.after[5] - track.before[5]) / track.ds
-    relaxed = 1.0 + tolerances.limits
-    rows = {
-        "steer": ("largest steering angle", "steer", steer, vehicle.max_steer, "rad", np.arange(len(steer))),
-        "hitch": ("largest hitch angle", "hitch", hitch, vehicle.max_hitch, "rad", track.left),
-        "steer_rate": ("largest steering rate", "rate", rate, vehicle.max_steer_rate, "rad/m", track.left),
-    }
-    return {
-        check: _at_most(
-            what, {name: (values.max(), limit * relaxed, unit)}, track.place(samples[int(np.argmax(values))])
-        )
-        for check, (what, name, values, limit, unit, samples) in rows.items()
-    }
+    quantities = {"rate": (rate.max(), _relaxed(subject, "max_steer_rate"), "rad/m")}
+    return at_most("largest steering rate", quantities, track.place(track.left[int(np.argmax(rate))]))
 
 
-def _clearance(track: Track, swept: Sweep, tolerances: Tolerances) -> Check:
+def _relaxed(subject: _Subject, limit: str) -> float:
+    return getattr(subject.vehicle, limit) * (1.0 + subject.tolerances.limits)
+
+
+def _clearance(subject: _Subject) -> Check:
+    track, swept = subject.track, subject.swept
     interval, body = np.unravel_index(int(np.argmin(swept.clearance)), swept.clearance.shape)
     place = track.place(track.left[interval]) | {"body": BODIES[body], "polygon": int(swept.polygon[interval, body])}
-    return _at_least("clearance", swept.clearance, tolerances.clearance, place)
+    return at_least("clearance", swept.clearance, subject.tolerances.clearance, place)
 
 
-def _boundary(track: Track, swept: Sweep, tolerances: Tolerances) -> Check:
+def _boundary(subject: _Subject) -> Check:
+    track, swept = subject.track, subject.swept
     interval, body = np.unravel_index(int(np.argmin(swept.room)), swept.room.shape)
     place = track.place(track.left[interval]) | {"body": BODIES[body]}
-    return _at_least("distance to the map's outline", swept.room, tolerances.clearance, place)
-
-
-def _at_least(what: str, values: Array, limit: float, place: Place) -> Check:
-    """The smallest value of either body at least the limit; NaN is not."""
-    least = values.min(axis=0)
-    parts = ", ".join(f"{body} {value:.4f} m" for body, value in zip(BODIES, least, strict=True))
-    return Check(
-        passed=bool((least >= limit).all()),
-        sentence=f"least swept {what}: {parts} (limit {limit:g})",
-        values={f"{body}_m": float(value) for body, value in zip(BODIES, least, strict=True)},
-        limits={f"{body}_m": limit for body in BODIES},
-        place=place,
-    )
+    return at_least("distance to the map's outline", swept.room, subject.tolerances.clearance, place)
 
 
 def _recomputed(track: Track, weights: Mapping[str, float]) -> float:
@@ -330,14 +295,37 @@ def _recomputed(track: Track, weights: Mapping[str, float]) -> float:
     return float(sum(weights[name] * value for name, value in terms.items()))
 
 
-def _objective(recomputed: float, reported: Any, tolerances: Tolerances) -> Check:
+def _objective(subject: _Subject) -> Check:
+    recomputed, reported = subject.recomputed, subject.reported
     is_number = isinstance(reported, (int, float)) and not isinstance(reported, bool) and abs(reported) < 1e300
     value = float(reported) if is_number else math.nan
     relative = abs(value - recomputed) / max(abs(recomputed), sys.float_info.min)
-    limit = tolerances.objective
+    limit = subject.tolerances.objective
     return Check(
         passed=relative <= limit,
         sentence=f"reported {value:.9g}, recomputed {recomputed:.9g}: off by {relative:.3g} (limit {limit:g})",
         values={"reported": value, "recomputed": recomputed, "relative": relative},
         limits={"relative": limit},
     )
+
+
+CHECKS: Mapping[str, Callable[[_Subject], Check]] = MappingProxyType(
+    {
+        "joints": _joints,
+        "start": _start,
+        "goal": _goal,
+        "defect": _largest_defects,
+        "defect_sum": _sums_of_defects,
+        "steer": _steer,
+        "hitch": _hitch,
+        "steer_rate": _steer_rate,
+        "clearance": _clearance,
+        "boundary": _boundary,
+        "objective": _objective,
+    }
+)
+"""What is checked once a document has been read and its spacing is right."""
+ALL = ("spacing", *CHECKS)
+"""Names of all checks but `structure` and `finite`, which are part of reading."""
+OF_A_CLAIM = ("start", "goal", "objective")
+"""Checks that need a claim; others are made of a recorded path too."""

@@ -140,8 +140,7 @@ def read_path(path: Any, where: str) -> Track:
 
 def _segment(segment: Any, where: str) -> tuple[int, Array]:
     direction = _entry(segment, "direction", where)
-    if isinstance(direction, bool) or not isinstance(direction, (int, np.integer)) or direction not in (1, -1):
-        raise Refusal("structure", f"{where}.direction is neither 1 nor -1")
+    _require_gear(direction, where)
     columns = [_numbers(_entry(segment, key, where), f"{where}.{key}") for key in COLUMNS]
     shapes = {column.shape for column in columns}
     if len(shapes) > 1 or columns[0].ndim != 1 or len(columns[0]) < 2:
@@ -149,6 +148,11 @@ def _segment(segment: Any, where: str) -> tuple[int, Array]:
     for key, column in zip(COLUMNS, columns, strict=True):
         _require_finite(column, f"{where}.{key}")
     return int(direction), np.array(columns)
+
+
+def _require_gear(direction: Any, where: str) -> None:
+    if isinstance(direction, bool) or not isinstance(direction, (int, np.integer)) or direction not in (1, -1):
+        raise Refusal("structure", f"{where}.direction is neither 1 nor -1")
 
 
 def _areas(outlines: Sequence[Any] | NDArray[Any], where: str) -> Shapes:
@@ -161,10 +165,14 @@ def _areas(outlines: Sequence[Any] | NDArray[Any], where: str) -> Shapes:
         return np.empty(0, dtype=object)
     owner = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
     areas = np.asarray(shapely.polygons(shapely.linearrings(np.concatenate(rings), indices=owner)))
+    _require_simple(areas, where)
+    return areas
+
+
+def _require_simple(areas: Shapes, where: str) -> None:
     bad = ~(shapely.is_valid(areas) & (shapely.area(areas) > 0.0))
     if bad.any():
         raise Refusal("structure", f"{where}[{int(np.argmax(bad))}] is not a simple polygon with an area")
-    return areas
 
 
 def _entry(data: Any, key: str, where: str) -> Any:

@@ -25,6 +25,13 @@ lies within D^2 m / 8 of that hull**, with R the distance of the farthest corner
              so |b''| <= ((1 + |M| k) A + |M| k1) / l_t, where A bounds |alpha'| and S bounds |sin(alpha)|:
              S = min(1, |sin(alpha(0))| + D (1 / l_t + (1 + |M| / l_t) k)),  A = S / l_t + (1 + |M| / l_t) k
 
+How much too wide is the hull? Any point of it is h = u a + (1 - u) b with a = r0 + rot(b0) qa of the first footprint
+and b = r1 + rot(b1) qb of the second. The body is convex, so it holds q = u qa + (1 - u) qb, and linear interpolation
+takes that point to h - u (1 - u) (rot(b0) - rot(b1)) (qa - qb). So **every point of the hull lies within
+|b1 - b0| E / 4 + D^2 m / 8 of the area swept**, E the body's diagonal: of first order in D, on the inner side of a
+turn, where the sides of a turning body leave a notch that the hull fills. A path may be rejected by the check of
+clearance although it is free, but only if it comes nearer than that (`excess`) and twice the inflation.
+
 The motion integrated from the stored start misses the stored end by the interval's defect, a body point by at
 most |dr| + R |db|. That is added: the bound holds for the integrated motion, not only for exact samples.
 """
@@ -137,6 +144,17 @@ def inflation(vehicle: VehicleData, track: Track, defects: Array) -> Array:
     truck = ds**2 / 8 * (k + far[0] * (k1 + k**2)) + shift + far[0] * heading
     trailer = ds**2 / 8 * (k + offset * (k1 + k**2) + far[1] * (turn1 + turn**2))
     return np.stack([truck, trailer + shift + offset * heading + far[1] * hitch], axis=1)
+
+
+def excess(vehicle: VehicleData, track: Track) -> Array:
+    """What the hulls of both bodies reach beyond linear interpolation of the motion by, at most [m]. Shape (M, 2)."""
+    truck = np.abs(track.after[3] - track.before[3])
+    trailer = np.abs(track.after[3] + track.after[4] - track.before[3] - track.before[4])
+    diagonals = (
+        math.hypot(vehicle.truck_front + vehicle.truck_rear, vehicle.truck_width),
+        math.hypot(vehicle.trailer_front + vehicle.trailer_rear, vehicle.trailer_width),
+    )
+    return np.stack([truck, trailer], axis=1) * np.array(diagonals) / 4
 
 
 def _signed_distances(hulls: Shapes, polygons: Shapes) -> tuple[Array, IntArray]:

@@ -2,7 +2,8 @@
 
 Beyond the fields of the schema a document holds, additively: `weights` (of the objective, which the audit
 recomputes), `scene.boundary` (the map's outline or null), `recorded_metrics` and `recorded_audit`,
-`methods[].rejected` (the audit of a path that was turned down), `read.lost` and `tool.python`.
+`methods[].rejected` (the audit of a path that was turned down), `read.lost`, `tool.python`, and, where the command
+line made the run, `tool.reading` and `tool.limits`: with them, it can be repeated exactly.
 """
 
 import dataclasses
@@ -37,16 +38,19 @@ COLUMNS = ("s", "x", "y", "theta", "alpha", "phi")
 LARGEST_FILE = 512 * 2**20
 """A results file may not be larger [bytes]; a path of 100 m takes about 0.2 MB."""
 LEAST_GAIN = 1e-9
-"""Relative gain in J that "improved" claims at least [-]."""
+"""Relative gain in J that "improved" claims at least where the recorded path passes the audit too [-]."""
 
 
-def to_document(run: "Run") -> dict[str, Any]:
-    """A run as plain data; what is not finite becomes None when it is written."""
+def to_document(run: "Run", settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """A run as plain data; what is not finite becomes None when it is written.
+
+    `settings` are options beside those of the methods: `reading` and `limits`, under `tool`.
+    """
     case, problem = run.case, run.case.problem
     return {
         "schema": SCHEMA,
         "log": {"path": os.fspath(case.log), "sha256": case.sha256, "case": case.name},
-        "tool": _tool() | {"options": run.options, "seed": run.seed},
+        "tool": tool() | {"options": run.options, "seed": run.seed} | dict(settings or {}),
         "vehicle": dataclasses.asdict(problem.vehicle),
         "scene": scene_to_document(problem.scene, problem.margin),
         "weights": dataclasses.asdict(problem.weights),
@@ -247,7 +251,7 @@ def _unfounded(
     if not report.passed:
         yield "the status is 'improved', but the audit does not pass"
     before, after = (_recomputed_objective(audited) for audited in (recorded, report))
-    if not after < before * (1.0 - LEAST_GAIN):
+    if recorded.passed and not after < before * (1.0 - LEAST_GAIN):
         yield f"the status is 'improved', but J is {after:.9g} and the recorded path's {before:.9g}"
 
 
@@ -261,7 +265,7 @@ def _method(method: "MethodRun") -> dict[str, Any]:
     return {name: getattr(method, name) for name in fields} | {"path": path_to_document(method.path)}
 
 
-def _tool() -> dict[str, Any]:
+def tool() -> dict[str, Any]:
     """Which program made a document."""
     versions = {name: _version(name) for name in PACKAGES}
     return {"version": _version(DISTRIBUTION), "packages": versions, "python": platform.python_version()}

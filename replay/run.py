@@ -37,7 +37,8 @@ class MethodRun:
 
     name: str
     status: Status
-    """improved: better and passed by the audit; kept: nothing better was found; failed: an error."""
+    """improved: passed by the audit, and of less J than a recorded path that passes it too; kept: nothing better was
+    found; failed: an error."""
     stop: str
     """The method's own word, a value of `optim.result.Stop`."""
     reason: str
@@ -207,7 +208,7 @@ def _best_so_far(run: Run, iterates: _Iterates, reason: str) -> dict[str, Any]:
     Those without violation are tried in the order of J, at most `MOST_TRIED` of them.
     """
     problem = run.case.problem
-    before = objective(problem.recorded, problem.weights)
+    before = objective(problem.recorded, problem.weights) if run.recorded_audit["passed"] else math.inf
     better = [each for each in iterates.kept if each.violation <= LEAST_VIOLATION and each.objective < before]
     iterations = len(iterates.history)
     for iterate in sorted(better, key=lambda each: each.objective)[:MOST_TRIED]:
@@ -220,7 +221,10 @@ def _best_so_far(run: Run, iterates: _Iterates, reason: str) -> dict[str, Any]:
 
 
 def _judge(run: Run, result: Result) -> dict[str, Any]:
-    """The fields of a `MethodRun` that say what a result is worth: J first, then the audit, never its own word."""
+    """The fields of a `MethodRun` that say what a result is worth: the audit first, then J, never its own word.
+
+    A path that passes the audit is better than a recorded one that does not, whatever its J.
+    """
     problem = run.case.problem
     end = {"stop": result.stop.value, "iterations": result.iterations, "picture": result.picture}
     if result.stop is Stop.FAILED:
@@ -236,11 +240,14 @@ def _judge(run: Run, result: Result) -> dict[str, Any]:
         reason = "The audit turned its path down: " + "; ".join(report.failures)
         return end | _recorded(run, "kept", reason) | {"rejected": report.to_dict(), "rejected_path": result.path}
     before, after = run.recorded_metrics["objective"], measured["objective"]
-    if not after < before * (1.0 - LEAST_GAIN):
+    reason = result.reason
+    if not run.recorded_audit["passed"]:
+        reason = f"It passes the audit (J {after:.6g}), which the recorded path (J {before:.6g}) does not. {reason}"
+    elif not after < before * (1.0 - LEAST_GAIN):
         return end | _recorded(
-            run, "kept", f"Nothing better was found (J {after:.6g}, recorded {before:.6g}). {result.reason}"
+            run, "kept", f"Nothing better was found (J {after:.6g}, recorded {before:.6g}). {reason}"
         )
-    better = {"status": "improved", "reason": result.reason, "path": result.path}
+    better = {"status": "improved", "reason": reason, "path": result.path}
     return end | better | {"metrics": measured, "audit": report.to_dict()}
 
 

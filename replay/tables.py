@@ -25,6 +25,8 @@ def verdict(run: Run) -> str:
     gains.append(f"{after['length']:.2f} m instead of {before['length']:.2f} m")
     if after["cusps"] != before["cusps"]:
         gains.append(f"{gear_changes(after['cusps'])} instead of {before['cusps']:.0f}")
+    if not run.recorded_audit["passed"]:
+        return f"{run.case.name}: {best.name} is sound, the recorded path is not: {', '.join(gains)}"
     share = f"{saved:.1%}" if saved >= 0.001 else "less than 0.1%"
     return f"{run.case.name}: {best.name} is {share} better: {', '.join(gains)}"
 

@@ -121,7 +121,7 @@ def test_the_place_of_the_worst_value_is_named() -> None:
     assert place == {"segment": 0, "s": pytest.approx(5.0, abs=0.06)}
 
 
-MODULES = ("audit", "audit_data", "audit_motion")
+MODULES = ("audit", "audit_data", "audit_motion", "audit_report")
 
 
 def test_the_audit_imports_nothing_that_a_method_uses() -> None:

@@ -104,7 +104,7 @@ def test_every_command_explains_itself(run, command):
     ("arguments", "words"),
     [
         (["optmize", BAY], ["optmize", "Did you mean 'optimize'?", "audit"]),
-        (["optimize"], ["LOGS"]),
+        (["optimize"], ["expected one or more logs", "`replay optimize recordings/bay_01.mcap"]),
         (["optimize", BAY, "--shortcut.trie", "5"], ["--shortcut.trie", "Did you mean --shortcut.tries?"]),
         (["optimize", BAY, "--shortcut.tries", "many"], ["--shortcut.tries", "many"]),
         (["optimize", BAY, "--shortcut.tries", "-4"], ["shortcut: tries is -4"]),

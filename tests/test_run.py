@@ -201,6 +201,21 @@ def test_a_recorded_path_that_collides_is_reported_and_may_still_be_improved():
     assert run.methods[0].status == "improved"
 
 
+def test_a_sound_path_is_better_than_a_recorded_one_that_is_not_whatever_its_cost():
+    # the recorded path drives into it; the answer stays clear, but changes gear once more and is longer
+    ahead = np.array([[18.0, -1.0], [30.0, -1.0], [30.0, 1.0], [18.0, 1.0]])
+    answer = straight(10.0, -6.0, 8.0)
+    run = run_case(case(recorded=straight(14.0, -2.0), block=ahead), {"answer": Answer(path=answer)})
+    (method,) = run.methods
+    assert method.status == "improved"
+    assert method.path is answer
+    assert method.audit["passed"]
+    assert method.metrics["objective"] > run.recorded_metrics["objective"]
+    assert method.reason.startswith("It passes the audit (J 34), which the recorded path (J 21) does not.")
+    assert run.best is method
+    assert "answer is sound, the recorded path is not: J 34.00 instead of 21.00" in verdict(run)
+
+
 @pytest.mark.parametrize("count", [1, 2, MOST_ITERATES - 1, MOST_ITERATES, MOST_ITERATES + 1, 5003])
 def test_iterates_are_thinned_evenly_and_the_first_and_the_last_are_kept(count):
     (method,) = run_case(case(), {"answer": Answer(path=BETTER, num_iterates=count)}).methods

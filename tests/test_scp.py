@@ -12,7 +12,7 @@ from optim.methods.scp import Scp
 from optim.methods.transcription import knots_of, objective_of
 from optim.objective import objective
 from optim.path import Path, segment_from_states
-from optim.problem import Problem
+from optim.problem import Problem, path_clearance
 from optim.result import Stop
 from optim.scene import make_scene
 from optim.scp.linearisation import Scales, convex_factor, linearise
@@ -189,3 +189,15 @@ def test_a_solver_that_is_not_there_is_a_failure_with_its_name():
 def test_options_out_of_range_are_refused_with_what_was_expected(option, value):
     with pytest.raises(ValueError, match=f"scp: {option} is .*, expected"):
         Scp(**{option: value})
+
+
+def test_a_recorded_path_that_collides_is_no_measure_for_one_that_keeps_clear():
+    # 40 m straight ahead are the least J there is, but a post in the middle overlaps the bodies by 35 mm
+    s = np.linspace(0.0, 40.0, 401)
+    straight = segment_from_states(1, s, np.column_stack([s, 0 * s, 0 * s, 0 * s]), 0 * s)
+    post = np.array([[16.0, 1.24], [16.4, 1.24], [16.4, 3.0], [16.0, 3.0]])
+    problem = Problem(vehicle=Vehicle(), scene=make_scene([post]), recorded=Path((straight,)))
+    assert problem.recorded_clearance < -0.03
+    result = Scp().solve(problem)
+    assert path_clearance(problem.vehicle, problem.scene, result.path) >= problem.required_clearance - 1e-6
+    assert objective(result.path, problem.weights) > 40.0

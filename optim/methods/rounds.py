@@ -9,7 +9,8 @@ An optimiser keeps clearance at the knots only, and moves the step lengths. Arou
 4. when the path is clear, leaving out one segment, and with it two gear changes, is tried: a local optimum with
    a needless gear change is no stranger to the optimiser, and the objective says whether it was needless.
 
-What is given back is the best path seen that keeps everything, judged by J of the dense path.
+What is given back is the best path seen that keeps everything, judged by J of the dense path. The path begun with
+counts in that only if it keeps everything itself: a recorded path may not.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,7 +35,7 @@ from optim.methods.transcription import (
 )
 from optim.objective import objective
 from optim.path import Path
-from optim.problem import Problem
+from optim.problem import Problem, path_clearance
 from optim.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.vehicle import Vehicle
 
@@ -138,7 +139,9 @@ def improve(problem: Problem, solve: AtKnots, options: RoundOptions, on_iterate:
         if better is None:
             break
         best = better
-    path = problem.initial if best is None or best.objective >= _value(problem, problem.initial) else best.path
+    path = problem.initial if best is None else best.path
+    if best is not None and best.objective >= _value(problem, problem.initial) and _is_sound(problem, problem.initial):
+        path = problem.initial
     tell.last(path)
     reason = f"{outcome.reason}; {iterations} iterations in {tell.solutions} solutions"
     if best is None:
@@ -224,6 +227,18 @@ def _keeps_everything(problem: Problem, candidate: _Best, missing: Array) -> boo
         and float(missing.max()) <= CLEARANCE_TOLERANCE
         and _within_limits(problem.vehicle, knots)
         and gears_alternate(knots)
+    )
+
+
+def _is_sound(problem: Problem, path: Path) -> bool:
+    """Whether a path that follows the kinematics keeps the limits and the clearance too."""
+    samples, vehicle, slack = path.samples, problem.vehicle, 1.0 + _LIMIT_SLACK
+    rate = max(float(np.abs(np.diff(seg.phi) / np.diff(seg.s)).max()) for seg in path.segments)
+    return bool(
+        np.abs(samples.phi).max() <= vehicle.max_steer * slack
+        and np.abs(samples.states[:, 3]).max() <= vehicle.max_hitch * slack
+        and rate <= vehicle.max_steer_rate * slack
+        and path_clearance(vehicle, problem.scene, path) >= problem.required_clearance - CLEARANCE_TOLERANCE
     )
 
 

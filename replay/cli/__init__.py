@@ -8,9 +8,9 @@ import os
 import sys
 from collections.abc import Sequence
 
-from cyclopts import App, CycloptsError, UnknownCommandError
+from cyclopts import App, CycloptsError, MissingArgumentError, UnknownCommandError
 
-from replay.cli.usage import ExitStatus, unknown
+from replay.cli.usage import ExitStatus, example, unknown
 from replay.errors import OutputLost, ReplayError
 from replay.kernels import drop_stale
 
@@ -37,6 +37,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status = make_app()(tokens, exit_on_error=False, print_error=False, result_action="return_value")
     except UnknownCommandError:  # its own text would import every command to name them
         _explain(unknown("command", tokens[0], COMMANDS), tokens)
+        return ExitStatus.USAGE
+    except MissingArgumentError as error:
+        _explain(_missing(error, tokens), tokens)
         return ExitStatus.USAGE
     except CycloptsError as error:
         _explain(str(error), tokens)
@@ -97,6 +100,16 @@ def use_one_thread() -> None:
 def _drop_output() -> None:
     """Let what is still to be written on standard output go nowhere, also when Python ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _missing(error: MissingArgumentError, tokens: list[str]) -> str:
+    """What is expected where an argument is missing, with an example."""
+    if error.argument is None or not tokens or tokens[0] not in COMMANDS:
+        return str(error)
+    name = error.argument.name
+    if name.startswith("-"):
+        return f"{name} expects a value"
+    return f"expected {name}, as in `{example(tokens[0])}`"
 
 
 def _explain(message: str, tokens: list[str]) -> None:

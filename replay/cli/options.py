@@ -6,6 +6,7 @@ needs no line here.
 """
 
 import dataclasses
+import math
 import re
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
@@ -97,18 +98,39 @@ def flag_class(options: Iterable[Option], group: Group) -> type:
     return _flags_class("Flags", [_flag(option, group) for option in options])
 
 
-def with_flags(settings: Any, flags: Any, name: str, **others: Any) -> Any:
-    """A copy of a dataclass instance with the values of its flags, and others; UsageError when it refuses one."""
+@dataclasses.dataclass(frozen=True)
+class NotGiven:
+    """The default of every flag, so that a flag that was given can be told from one that was not."""
+
+    default: Any
+    """What the option has then."""
+
+    def __str__(self) -> str:
+        return str(self.default)
+
+
+def given(flags: Any) -> dict[str, Any]:
+    """The flags that were given, by the option's name; none where there are no flags."""
+    values = vars(flags) if flags is not None else {}
+    return {name: value for name, value in values.items() if not isinstance(value, NotGiven)}
+
+
+def with_flags(settings: Any, values: Any, name: str) -> Any:
+    """A copy of a dataclass instance with other values, by name or as flags; UsageError when it refuses one."""
+    values = values if isinstance(values, Mapping) else given(values)
     try:
-        return dataclasses.replace(settings, **(vars(flags) | others))
+        return dataclasses.replace(settings, **values)
     except (ValueError, TypeError) as error:
         message = str(error)
         raise UsageError(message if message.startswith(f"{name}:") else f"{name}: {message}") from error
 
 
 def _flag(option: Option, group: Group) -> tuple[str, Any, Any]:
-    parameter = Parameter(help=" ".join(option.doc.split()), group=group)
-    return option.name, Annotated[option.hint, parameter], dataclasses.field(default=option.default)
+    shows = option.default is not None and option.default != math.inf
+    parameter = Parameter(
+        help=" ".join(option.doc.split()), group=group, show_default=str if shows else False, negative_iterable=()
+    )
+    return option.name, Annotated[option.hint, parameter], dataclasses.field(default=NotGiven(option.default))
 
 
 def _flags_class(name: str, fields: list[tuple[str, Any, Any]]) -> type:

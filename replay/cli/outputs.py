@@ -20,9 +20,12 @@ class Names:
 class Outputs:
     """The folder of a command's files. Raises UsageError, before any work, where files could not be written."""
 
-    def __init__(self, folder: pathlib.Path, inputs: Sequence[pathlib.Path]) -> None:
+    def __init__(
+        self, folder: pathlib.Path, inputs: Sequence[pathlib.Path], others: Sequence[pathlib.Path] = ()
+    ) -> None:
+        """`inputs` are the logs, which give files their names; `others` are read too, and not overwritten either."""
         self.folder = folder
-        self._inputs = [path.resolve() for path in inputs]
+        self._inputs = [path.resolve() for path in (*inputs, *others)]
         self._taken: set[str] = set()
         stems: dict[str, pathlib.Path] = {}
         for path in inputs:
@@ -32,9 +35,10 @@ class Outputs:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise UsageError(f"--out {folder}: {error.strerror}") from error
+            reason = f"the folder cannot be made: {error.strerror}"
+            raise UsageError(f"--out {folder}: {reason}; choose one that you may write to, as in --out out") from error
         if not os.access(folder, os.W_OK | os.X_OK):
-            raise UsageError(f"--out {folder}: no permission to write there")
+            raise UsageError(f"--out {folder}: no permission to write there; choose another, as in --out out")
 
     def names(self, case: Case, num_cases: int) -> Names:
         """The files of one of a log's cases; the number of the request is in the name where there are several."""

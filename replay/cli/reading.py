@@ -3,13 +3,14 @@
 import difflib
 import pathlib
 import tomllib
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from cyclopts import Group
 
 from optim.vehicle import Vehicle
-from replay.cli.options import Option, UsageError, flag_class, options_of, with_flags
+from replay.cli.options import Option, UsageError, flag_class, given, options_of, with_flags
 from replay.logs import ReadOptions
 
 _VEHICLE = Option(
@@ -19,20 +20,24 @@ _VEHICLE = Option(
     default=None,
     doc="TOML file with the vehicle's dimensions and limits, instead of those in the log; keys as in `replay info`.",
 )
-_OPTIONS = [_VEHICLE if option.name == "vehicle" else option for option in options_of(ReadOptions())]
+READING = tuple(_VEHICLE if option.name == "vehicle" else option for option in options_of(ReadOptions()))
+"""The options of the reader, as the command line has them."""
 
 if TYPE_CHECKING:
     Reading: TypeAlias = Any
 else:
-    Reading = flag_class(_OPTIONS, Group("Reading the log", sort_key=5))
+    Reading = flag_class(READING, Group("Reading the log", sort_key=5))
 
 
-def read_options(flags: Any) -> ReadOptions:
-    """The reader's options from the flags (an instance of `Reading`, or None). Raises UsageError."""
-    if flags is None:
-        return ReadOptions()
-    vehicle = None if flags.vehicle is None else read_vehicle(flags.vehicle)
-    return with_flags(ReadOptions(), flags, "reading", vehicle=vehicle)
+def read_options(values: Any) -> ReadOptions:
+    """The reader's options from flags (an instance of `Reading`, or None) or from values by name. Raises UsageError.
+
+    The vehicle may be one already, or the path of its file.
+    """
+    values = dict(values if isinstance(values, Mapping) else given(values))
+    if isinstance(values.get("vehicle"), pathlib.Path):
+        values["vehicle"] = read_vehicle(values["vehicle"])
+    return with_flags(ReadOptions(), values, "reading")
 
 
 def read_vehicle(path: pathlib.Path) -> Vehicle:

@@ -13,11 +13,11 @@ from replay.case import Case
 from replay.cli.console import Voice
 from replay.cli.outputs import Names, Outputs
 from replay.cli.usage import ExitStatus
-from replay.errors import OutputLost, ReplayError
+from replay.errors import LogError, OutputLost, ReplayError
 from replay.files import reserved
 from replay.logs import ReadOptions, read_cases
 from replay.progress import Progress
-from replay.results import to_document, write_results
+from replay.results import to_document, tool, write_results
 from replay.run import Interrupted, Run, run_case
 from replay.solving import Solve, solve
 from replay.tables import reasons, recorded_failures, result_table, verdict
@@ -40,6 +40,46 @@ class LogEntry:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Origin:
+    """The earlier run that is repeated."""
+
+    source: str
+    """The results file."""
+    sha256: str
+    """Of its log."""
+    case: str
+    """Its request, as STEM/0."""
+    tool: Mapping[str, Any]
+    """The program that made it."""
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any], source: pathlib.Path) -> "Origin":
+        """From a results document."""
+        log = document["log"]
+        return cls(source=str(source), sha256=str(log.get("sha256")), case=str(log.get("case")), tool=document["tool"])
+
+    def chosen(self, cases: Sequence[Case]) -> list[Case]:
+        """The same request of the same log. Raises ReplayError where it is another log, or has no such request."""
+        first = cases[0]
+        if first.sha256 != self.sha256:
+            found = f"its digest is {first.sha256[:12]}…, and {self.source} was made from {self.sha256[:12]}…"
+            raise LogError("E_OTHER_LOG", first.log, f"{found}: another log")
+        number = self.case.rpartition("/")[2]
+        same = [case for case in cases if case.name.rpartition("/")[2] == number]
+        if not same:
+            raise LogError("E_OTHER_LOG", first.log, f"it has no request {number}, which {self.source} is of")
+        return same
+
+    @property
+    def differences(self) -> list[str]:
+        """Programs of another version than then: numbers may differ."""
+        now = tool()
+        then = {"replay": self.tool.get("version"), **dict(self.tool.get("packages") or {})}
+        here = {"replay": now["version"], **now["packages"]}
+        return [f"{name} {then[name]} then, {here[name]} now" for name in here if then.get(name) != here[name]]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Session:
     """One call of the command, its arguments understood."""
 
@@ -51,6 +91,9 @@ class Session:
     outputs: Outputs
     recording: bool
     limits: Limits = NO_LIMITS
+    origin: Origin | None = None
+    settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """More of the options, for the results file."""
 
     def run(self, logs: Sequence[pathlib.Path]) -> ExitStatus:
         """Run all logs; the exit status. What was finished before a Ctrl-C is written and shown."""
@@ -76,7 +119,7 @@ class Session:
         with self._progress(position) as progress:
             progress.show(log.name, "reading")
             cases = read_cases(log, self.read)
-        for case in cases:
+        for case in self._wanted(cases):
             entry.lost |= case.read.lost
             names = self.outputs.names(case, len(cases))
             for note in case.read.notes:
@@ -84,6 +127,14 @@ class Session:
             weighted = dataclasses.replace(case.problem, weights=self.weights)
             with reserved(names.results):
                 self._run_case(dataclasses.replace(case, problem=weighted), names, entry, solver, position)
+
+    def _wanted(self, cases: Sequence[Case]) -> Sequence[Case]:
+        if self.origin is None:
+            return cases
+        chosen = self.origin.chosen(cases)
+        for line in self.origin.differences:
+            self.voice.note(f"{self.origin.source}: {line}; numbers may differ")
+        return chosen
 
     def _run_case(self, case: Case, names: Names, entry: LogEntry, solver: Solve, position: str) -> None:
         interruption = None
@@ -112,7 +163,7 @@ class Session:
         entry.cases.append(_case_document(run, written))
         with self._failures_kept(entry, writing=True), self._progress(position) as progress:
             progress.show(run.case.name, f"writing {names.results.name}")
-            write_results(names.results, to_document(run))
+            write_results(names.results, to_document(run, self.settings))
             written.append(str(names.results))
             if self.recording:
                 from replay.recording import write_recording  # Rerun takes a second to load

@@ -27,3 +27,18 @@ def unknown(kind: str, word: str, choices: Iterable[str], where: str = "") -> st
     guess = f" Did you mean {nearest[0]!r}?" if nearest else ""
     place = f" {where}" if where else ""
     return f"unknown {kind} {word!r}{place}.{guess} There are: {', '.join(choices)}"
+
+
+_EXAMPLES = {
+    "optimize": "replay optimize recordings/bay_01.mcap --out out",
+    "info": "replay info recordings/bay_01.mcap",
+    "audit": "replay audit out/bay_01.results.json",
+    "report": "replay report runs/tonight",
+    "view": "replay view out",
+    "compare": "replay compare before/bay_01.results.json after/bay_01.results.json",
+}
+
+
+def example(command: str) -> str:
+    """How a command is called."""
+    return _EXAMPLES.get(command, f"replay {command} --help")

@@ -42,7 +42,10 @@ def _verdict(tracks: list[Track], best: Track | None) -> list[str]:
         f"{before['cusps']} → {count(after['cusps'], 'gear change')}, audit passed, {clearance(after)}"
     )
     percent = change(before["objective"], after["objective"])
-    return [f"# ✓ {cell(best.style.label)} improved the path: J {percent}", "", f"**{detail}**"]
+    gain = f"improved the path: J {percent}"
+    if not tracks[0].audit.get("passed"):
+        gain = f"is sound, the recorded path is not (J {percent})"
+    return [f"# ✓ {cell(best.style.label)} {gain}", "", f"**{detail}**"]
 
 
 def clearance(metrics: Mapping[str, float]) -> str:

@@ -1,0 +1,108 @@
+"""Spoil sound results in many ways and see that the audit rejects every one, by the check that is meant to notice.
+
+Usage: python tools/sabotage.py LOG... [--seeds N] [--methods A,B] [--only TEXT] [--jobs N]
+
+Sound claims are the recorded path of each log and what the methods make of it; those that pass the audit with some
+room are spoiled, `--seeds` times in each way, each time another path, another place, another amount. Then the check
+that noticed is switched off: what no other check is meant to see must pass. A table says how that went; the exit
+status is 1 if anything went otherwise.
+"""
+
+import argparse
+import collections
+import pathlib
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+from optim.audit import ALL
+from optim.methods import METHODS
+from optim.path import Path
+from optim.problem import Problem
+from replay.errors import LogError
+from replay.kernels import drop_stale
+from replay.logs import read_cases
+from replay.run import run_case
+from tools.saboteur.claims import KINDS, Claim, claim_of
+from tools.saboteur.trial import Outcome, report_of, trial
+
+ROOM = 0.02
+"""Least swept clearance of the paths to be spoiled [m]: small damage shall not be seen by a collision."""
+_sound: list[Claim] = []
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("logs", type=pathlib.Path, nargs="+", metavar="LOG")
+    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--methods", default="shortcut,ddp", help="whose results are spoiled too")
+    parser.add_argument("--only", default="", help="kinds whose name contains this")
+    parser.add_argument("--jobs", type=int, default=1)
+    arguments = parser.parse_args()
+    drop_stale()
+    started = time.monotonic()
+    names = [name for name in arguments.methods.split(",") if name]
+    sound = [claim for log in arguments.logs for claim in sound_claims(log, names)]
+    print(f"{len(sound)} sound paths of {len(arguments.logs)} logs; {time.monotonic() - started:.0f} s", flush=True)
+    kinds = [number for number, kind in enumerate(KINDS) if arguments.only in kind.name]
+    # the claims are inherited by the processes that are forked
+    _sound.extend(sound)
+    tasks = [(number, seed) for number in kinds for seed in range(arguments.seeds)]
+    with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("fork")) as pool:
+        outcomes = list(pool.map(_one, tasks, chunksize=20))
+    wrong = 0
+    print(f"{'kind':52} {'check':11} {'rejected':>9} {'by it':>6} {'passes without':>15}")
+    for number in kinds:
+        found = [outcome for (other, _), outcome in zip(tasks, outcomes, strict=True) if other == number]
+        wrong += not _row(number, found)
+    seconds = time.monotonic() - started
+    print(f"{len(kinds)} kinds, {len(tasks)} spoiled claims, {seconds:.0f} s; {wrong} kinds not as meant")
+    return int(wrong > 0)
+
+
+def sound_claims(log: pathlib.Path, methods: list[str]) -> list[Claim]:
+    """The claims of a log that the audit accepts with some room."""
+    try:
+        cases = read_cases(log)
+    except LogError:
+        return []
+    found = []
+    for case in cases:
+        run = run_case(case, {name: METHODS[name] for name in methods})
+        paths: list[Path] = [case.problem.recorded]
+        paths += [method.path for method in run.methods if method.status == "improved"]
+        found += [claim for path in paths if _is_sound(claim := _claim(case.problem, path))]
+    return found
+
+
+def _claim(problem: Problem, path: Path) -> Claim:
+    return claim_of(problem.vehicle, problem.scene, problem.recorded, path, problem.weights)
+
+
+def _is_sound(claim: Claim) -> bool:
+    report = report_of(claim, ALL)
+    return report.passed and min(report.checks["clearance"].values.values()) >= ROOM
+
+
+def _one(task: tuple[int, int]) -> Outcome:
+    number, seed = task
+    return trial(KINDS[number], _sound, seed)
+
+
+def _row(number: int, found: list[Outcome]) -> bool:
+    """Print what became of a kind; whether that is what is meant."""
+    kind = KINDS[number]
+    rejected, named = sum(o.rejected for o in found), sum(o.by_name for o in found)
+    without = sum(bool(o.passes_without) for o in found)
+    shown = f"{without}" if kind.alone else "-"
+    print(f"{kind.name:52} {kind.check:11} {rejected:9} {named:6} {shown:>15}")
+    right = rejected == named == len(found) and (without == len(found) or not kind.alone)
+    if not right:
+        for failed, times in collections.Counter(outcome.failed for outcome in found).items():
+            print(f"    {times} times noticed by: {', '.join(failed) or 'none'}")
+    return right
+
+
+if __name__ == "__main__":
+    sys.exit(main())

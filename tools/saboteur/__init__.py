@@ -1,0 +1,1 @@
+"""Spoiling sound claims, to see that the audit notices."""
