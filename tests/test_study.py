@@ -102,8 +102,7 @@ def test_the_report_counts_what_scarce_descriptions_lose() -> None:
     text = obstacles_report({"head": HEAD, "rows": made})
     assert "- *discs*: narrow 3 of 3, open 0 of 6, sample logs 0 of 3, all 3 of 12." in text
     assert (
-        "with *discs* 100 % are lost in narrow scenes, 0 % in open ones: that they fail in narrow scenes is supp"
-        in text
+        "with *discs* 100 % are lost in narrow scenes, 0 % in open ones: that they fail in narrow ones is supp" in text
     )
     assert "0/1 1.000 (1)" in text
     assert "which ended 4 of 44 runs" in text

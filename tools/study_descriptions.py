@@ -109,9 +109,9 @@ def _verdict(rows: Rows, groups: dict[str, list[str]]) -> str:
         everywhere = all(share >= LOSS for name, share in by_group.items() if name != "**all**")
         verdicts.append(
             f"with *{what}* {100.0 * narrow:.0f} % are lost in narrow scenes, {100.0 * open_ground:.0f} % in open ones:"
-            f" that they fail in narrow scenes is {_word(fails)}, that all classes need better is {_word(everywhere)}"
+            f" that they fail in narrow ones is {_word(fails)}, that all classes here need more is {_word(everywhere)}"
         )
-    limit = f"(Failing: {100.0 * LOSS:.0f} % or more are lost; in narrow scenes, twice as many as on open ground too.)"
+    limit = f"(Failing: {100.0 * LOSS:.0f} % or more are lost; in narrow scenes, and twice as many as in open ones.)"
     return "\n".join(sentences) + f"\n\nVerdict: **{'; '.join(verdicts)}.** {limit}"
 
 
