@@ -7,6 +7,7 @@ from collections.abc import Callable
 import logs_maker as make
 import numpy as np
 import pytest
+from mcap.writer import Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
@@ -199,6 +200,18 @@ def test_what_was_not_understood_is_told_with_the_reason(
         "/shapes": "map: shapes, 1 changes",
         "/tf": "transforms, 1 transforms",
     }
+
+
+def test_channels_without_a_schema_or_without_messages_are_told(tmp_path: pathlib.Path) -> None:
+    file = tmp_path / "log.mcap"
+    with file.open("wb") as out:
+        writer = Writer(out)
+        writer.start()
+        plain = writer.register_channel("/plain", "json", 0)
+        writer.add_message(plain, log_time=1, publish_time=1, data=b"{}")
+        writer.register_channel("/path", "cdr", writer.register_schema(make.PATH, "ros2msg", b""))
+        writer.finish()
+    assert [use.text for use in uses(open_log(file, everything))] == ["not read: no schema", "no messages"]
 
 
 def test_real_messages_in_an_encoding_of_their_own_are_told() -> None:
