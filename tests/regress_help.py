@@ -17,6 +17,9 @@ from replay.regress.running import Execute, Plan, carry_out, start
 from replay.regress.settings import Settings
 from replay.regress.slot import Slot
 from replay.regress.store import Store
+from tools.regress.same import timeless
+
+__all__ = ["timeless"]
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 RECORDINGS = ROOT / "recordings"
@@ -71,13 +74,6 @@ def verdicts(store: Store, *wanted: str) -> list[dict[str, Any]]:
     """The entries of verdicts.json with these verdicts."""
     found = json.loads((store.folder / "verdicts.json").read_text())["verdicts"]
     return [entry for entry in found if entry["verdict"] in wanted]
-
-
-def timeless(document: Any) -> Any:
-    """A log's document without what may differ between runs: times."""
-    if isinstance(document, dict):
-        return {key: timeless(value) for key, value in document.items() if key not in ("wall_s", "reason", "path")}
-    return [timeless(entry) for entry in document] if isinstance(document, list) else document
 
 
 def attempts(store: Store) -> list[str]:

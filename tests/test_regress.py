@@ -263,3 +263,12 @@ def test_killing_the_command_leaves_no_process_that_works_on(tmp_path):
     while [pid for pid in children if help.is_running(pid)] and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not [pid for pid in children if help.is_running(pid)]
+
+
+def test_results_that_cannot_be_written_end_the_run_with_one_line(corpus, runs, warm):
+    plan = help.make_plan(corpus, {"ddp": DDP})
+    store = start(plan, runs)
+    store.logs.rmdir()
+    store.logs.write_text("no folder")
+    with pytest.raises(ReplayError, match="logs"):
+        carry_out(plan, store, warm, lambda *_: None)

@@ -255,6 +255,8 @@ def _told(voice: Voice, plan: Plan, store: Store, said: Any) -> ExitStatus:
     voice.show(*(f"  known: {line}" for line in said["known"]), *(f"  {line}" for line in said["passing"]))
     for line in (*said["unread"], *(f"left out: {line}" for line in said["damaged"])):
         voice.error(line)
+    if said["other_options"]:
+        voice.note("the baseline was made with other options")
     voice.show(f"report: {store.folder / 'report.html'}")
     status = _status(said)
     document = {key: said[key] for key in ("headline", "failing", "known", "passing", "unread", "files", "summary")}

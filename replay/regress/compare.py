@@ -46,7 +46,7 @@ def gone(known: Iterable[Known], names: Iterable[str], found: Iterable[Mapping[s
     shown = [entry for entry in found if entry["verdict"] == "known"]
     passing = []
     for issue in known:
-        logs = [name for name in names if issue.covers(name, issue.method, issue.key)]
+        logs = [name for name in names if issue.concerns(name)]
         if logs and not any(issue.covers(e["log"], e["method"], e["key"]) for e in shown):
             method = "" if "*" in issue.method else issue.method
             note = f"the known issue passes; take it out of corpus.toml: {issue.note}".rstrip(": ")

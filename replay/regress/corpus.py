@@ -48,6 +48,9 @@ class Known:
     key: str = "*"
     note: str = ""
 
+    def concerns(self, log: str) -> bool:
+        return fnmatch.fnmatchcase(log, self.log)
+
     def covers(self, log: str, method: str, key: str) -> bool:
         pairs = ((log, self.log), (method, self.method), (key, self.key))
         return all(fnmatch.fnmatchcase(word, pattern) for word, pattern in pairs)

@@ -83,9 +83,17 @@ def conclude(folder: pathlib.Path, history: pathlib.Path, accept: str) -> dict[s
         "passing": [change.note for change in run.changes if change.key == "known issue"],
         "unread": [f"{error.log}: {error.error}" for error in run.errors if not error.expected],
         "damaged": list(run.damaged),
+        "other_options": _has_other_options(head),
         "summary": report.summary,
         "files": [str(path) for path in report.files],
     }
+
+
+def _has_other_options(head: Mapping[str, Any]) -> bool:
+    """Whether the baseline was made with other options than a whole run."""
+    if not head.get("baseline") or head.get("partial_methods"):
+        return False
+    return read_baseline(head["baseline"]).options != head.get("options_fingerprint")
 
 
 def _without_schema(head: Mapping[str, Any]) -> dict[str, Any]:

@@ -176,7 +176,7 @@ def _jobs(plan: Plan, store: Store, logs: Iterable[Log], baseline: Baseline) -> 
             settings=dataclasses.replace(plan.settings, methods=plan.methods_of(log)),
             whole=not plan.partial_methods,
             before=baseline.logs.get(log.name),
-            known=tuple(issue for issue in plan.known if issue.covers(log.name, issue.method, issue.key)),
+            known=tuple(issue for issue in plan.known if issue.concerns(log.name)),
         )
 
 

@@ -21,7 +21,8 @@ START_S = 120.0
 READ_S = 60.0
 """Time for reading a log, for measuring a recorded path, and for writing a recording, each [s]."""
 COMPILE_S = 300.0
-"""Time for a method beside its own limit [s]: its kernels may have to be compiled, its path is audited."""
+"""Time for a method beside its own limit, and for every stage of a process's first job [s]: kernels may have to be
+compiled."""
 MOST_JOBS = 200
 """Jobs after which a process is replaced, lest it grow."""
 MOST_TRIES = 2
@@ -74,16 +75,16 @@ class Slot:
 
     def _run(self, job: Job) -> Outcome:
         pipe = self._ready(job)
+        usual = READ_S if self._jobs else READ_S + COMPILE_S
         self._jobs += 1
         pipe.send_bytes(pickle.dumps(job, pickle.HIGHEST_PROTOCOL))
-        stage, limit = "reading", READ_S
+        stage, limit = "reading", usual
         while True:
             kind, body = self._next(pipe, stage, limit)
             if kind == "done":
                 return body
-            stage, limit = body, READ_S
-            if body.startswith("method "):
-                limit = job.settings.time_limit + COMPILE_S
+            is_method = body.startswith("method ")
+            stage, limit = body, job.settings.time_limit + COMPILE_S if is_method else usual
 
     def _next(self, pipe: Connection, stage: str, limit: float) -> tuple[str, Any]:
         """The next message. Raises _Late, Stopped, EOFError where the process has died."""

@@ -78,7 +78,7 @@ class Store:
                     yield document
 
     def publish(self, document: Mapping[str, Any]) -> bool:
-        """Give a log's document its name; False where there is one already. Raises OSError."""
+        """Give a log's document its name; False where there is one already. ReplayError (E_WRITE) where it cannot."""
         text = json.dumps(plain(document), sort_keys=True, allow_nan=False, separators=(",", ":"))
         final = self.file(document["log"])
         temporary = self.logs / f".{secrets.token_hex(8)}.tmp"
@@ -90,8 +90,11 @@ class Store:
             _link(temporary, final)
         except FileExistsError:
             return False
+        except OSError as error:
+            raise ReplayError(WRITE_ERROR, f"{final}: cannot be written: {error.strerror}") from error
         finally:
-            temporary.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
         _sync(self.logs)
         return True
 

@@ -10,7 +10,6 @@ from typing import Any
 
 from replay.case import Case
 from replay.errors import LogError, ReplayError
-from replay.files import atomic_write
 from replay.logs import read_cases
 from replay.regress.compare import Entry, compare_log, worst
 from replay.regress.corpus import STORES, Known, Log
@@ -67,7 +66,7 @@ def work(job: Job, solve: Solve, tell: Tell) -> Outcome:
     for case, run in zip(document["cases"], runs, strict=True):
         if _wants_recording(job, case["case"], entries):
             tell(f"recording {case['case']}")
-            case["recording"] = _record(job, run)
+            case |= _recorded(job, run)
     return _published(job, document, worst(entries))
 
 
@@ -153,14 +152,16 @@ def _wants_recording(job: Job, case: str, entries: list[Entry]) -> bool:
     return any(entry["case"] == case and entry["verdict"] in changed for entry in entries)
 
 
-def _record(job: Job, run: Run) -> str:
-    """Write the recording of a case; its path within the run's folder."""
-    from replay.recording.writing import write  # Rerun takes a second to load
+def _recorded(job: Job, run: Run) -> dict[str, Any]:
+    """Write the recording of a case: its path within the run's folder, or why there is none; results do not need it."""
+    from replay.recording import write_recording  # Rerun takes a second to load
 
     name = f"recordings/{file_stem(run.case.name)}.rrd"
-    with atomic_write(pathlib.Path(job.folder) / name) as temporary:
-        write(run, temporary)
-    return name
+    try:
+        write_recording(run, pathlib.Path(job.folder) / name)
+    except ReplayError as error:
+        return {"recording": None, "recording_error": str(error)}
+    return {"recording": name}
 
 
 def local_file(path: str) -> pathlib.Path:

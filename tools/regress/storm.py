@@ -103,7 +103,8 @@ def report(run: pathlib.Path, count: int, seen: Seen, left: list[int]) -> int:
     documents = [document["log"] for document in store.documents()]
     attempts = Counter((run / "attempts").read_text().split())
     executions = sum(attempts.values()) / count
-    grown = growth(seen.memory, count // 10)
+    since = (seen.coordinators_killed_at or [0])[-1] + count // 10  # a new coordinator has begun from nothing
+    grown = growth(seen.memory, since)
     print(
         f"{count} logs in {seen.seconds:.0f} s ({60.0 * count / seen.seconds:.0f} logs/min), exit status {seen.status}"
     )
@@ -111,7 +112,7 @@ def report(run: pathlib.Path, count: int, seen: Seen, left: list[int]) -> int:
     print(f"results {len(store.done())}, valid {len(documents)}, of different logs {len(set(documents))}")
     again = sum(number > 1 for number in attempts.values())
     print(f"executions {sum(attempts.values())}, {executions:.4f} for each log; {again} logs more than once")
-    print(f"coordinator's memory: {grown:+.1f} MiB from log {count // 10} to {count}")
+    print(f"coordinator's memory: {grown:+.1f} MiB from log {since} to {count}")
     print(f"killed workers that still run: {left or 'none'}")
     whole = len(store.done()) == len(documents) == len(set(documents)) == count
     return int(not whole or executions > MOST_EXECUTIONS or grown > MOST_GROWTH or bool(left))
