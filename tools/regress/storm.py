@@ -49,12 +49,15 @@ def main() -> int:
     parser.add_argument("--worker-kills", type=int, default=5)
     parser.add_argument("--coordinator-kills", type=int, default=0)
     parser.add_argument("--method", default="ddp")
+    parser.add_argument(
+        "--refused", action="store_true", help="logs that take no time, to look at the coordinator alone"
+    )
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # what was started is ended then, too
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
-        write_corpus(folder / "corpus", options.count)
+        write_corpus(folder / "corpus", options.count, refused=options.refused)
         with LocalCluster(folder / "cluster", options.workers) as cluster:
             seen = storm(folder, cluster, options)
         left = [pid for pid in seen.killed if _is_running(pid)]
