@@ -1,18 +1,22 @@
 """What counts as worse, what a baseline keeps, which logs a corpus has."""
 
+import io
 import json
 import pathlib
 
 import pytest
 import run_maker as maker
+from rich.console import Console
 
 from replay.errors import ReplayError
+from replay.regress.bar import Bar
 from replay.regress.baseline import Baseline, accepted, read_baseline, write_baseline
 from replay.regress.compare import baseline_entry, compare_log, gone
 from replay.regress.corpus import Known, find_corpus
 from replay.regress.gate import Metric, metrics_of
 from replay.regress.selection import select
 from replay.regress.store import Store, file_stem
+from replay.regress.work import Outcome
 
 
 def log(name: str = "bay_01", **more):
@@ -306,3 +310,20 @@ def test_results_are_plain_json(tmp_path):
     store.make()
     store.publish({"log": "a", "schema": "replay.run.log/1", "x": float("inf"), "y": (1, 2)})
     assert json.loads(store.file("a").read_text()) == {"log": "a", "schema": "replay.run.log/1", "x": None, "y": [1, 2]}
+
+
+# ---- progress
+
+
+def test_progress_says_rate_remaining_time_and_what_has_failed(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    bar = Bar(Console(file=io.StringIO()), enabled=False)
+    bar.outcome(None, 40, 100)  # resumed: what was done before says nothing of the rate
+    assert bar.words(40, 100) == "starting; no failure"
+    now[0] = 30.0
+    for state in ("same", "crashed", "worse", "worse", "skipped"):
+        bar.outcome(Outcome(name="a", state=state), 45, 100)
+    assert bar.words(50, 100) == "20 logs/min, 2 min 30 s left; 1 crashed, 2 worse"
+    now[0] = 36000.0
+    assert bar.words(41, 100) == "0.00167 logs/min, 590 h 00 min left; 1 crashed, 2 worse"

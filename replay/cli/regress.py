@@ -1,5 +1,6 @@
 """`replay regress`: every log of a corpus with every method, compared with a baseline; and `replay regress accept`."""
 
+import json
 import math
 import pathlib
 import shlex
@@ -23,6 +24,7 @@ from replay.regress.cluster import CLUSTER_ERROR, check_address, run_on_cluster
 from replay.regress.corpus import Corpus, Known, find_corpus
 from replay.regress.finish import FINISH_ERROR
 from replay.regress.pool import run_here
+from replay.regress.reports.history import SUMMARY
 from replay.regress.running import Execute, Plan, carry_out, end, resumed, start
 from replay.regress.selection import select
 from replay.regress.settings import Recordings, Settings
@@ -259,9 +261,10 @@ def _told(voice: Voice, plan: Plan, store: Store, said: Any) -> ExitStatus:
         voice.note("the baseline was made with other options")
     voice.show(f"report: {store.folder / 'report.html'}")
     status = _status(said)
-    document = {key: said[key] for key in ("headline", "failing", "known", "passing", "unread", "files", "summary")}
-    about = {"schema": "replay.regress/1", "exit_status": int(status), "run": str(store.folder)}
-    voice.document(about | document)
+    if voice.common.json:
+        document = {key: said[key] for key in ("headline", "failing", "known", "passing", "unread", "files")}
+        about = {"schema": "replay.regress/1", "exit_status": int(status), "run": str(store.folder)}
+        voice.document(about | document | {"summary": json.loads((store.folder / SUMMARY).read_text())})
     if said["state"] in ("failed", "unjudged"):
         voice.note(_advice(plan, store, said["state"]))
     return status

@@ -64,7 +64,8 @@ def run_on_cluster(jobs: Iterable[Job], address: str) -> Generator[Outcome]:
     """
     check_address(address)
     distributed = _distributed()
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it has to say ends in our own lines
+    for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what it has to say ends in our own lines
     waiting = iter(jobs)
     with contextlib.ExitStack() as stack:
         client = stack.enter_context(_connected(distributed, address))

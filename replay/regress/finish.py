@@ -8,7 +8,7 @@ import os
 import pathlib
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from replay.errors import ReplayError
@@ -62,7 +62,7 @@ def judge(folder: pathlib.Path) -> list[Entry]:
 
 
 def conclude(folder: pathlib.Path, history: pathlib.Path, accept: str) -> dict[str, Any]:
-    """Judge a run and make its reports; what the command has to say of it."""
+    """Judge a run and make its reports; what the command has to say of it, whose size does not grow with the run's."""
     store = Store(folder)
     head = store.head()
     done = store.done()
@@ -80,13 +80,18 @@ def conclude(folder: pathlib.Path, history: pathlib.Path, accept: str) -> dict[s
         "failing": lines[:_MOST_LINES],
         "failing_more": max(0, len(lines) - _MOST_LINES),
         "known": [group.sentence for group in told if group.verdict == "known"][:_MOST_LINES],
-        "passing": [change.note for change in run.changes if change.key == "known issue"],
-        "unread": [f"{error.log}: {error.error}" for error in run.errors if not error.expected],
-        "damaged": list(run.damaged),
+        "passing": _few([change.note for change in run.changes if change.key == "known issue"]),
+        "unread": _few([f"{error.log}: {error.error}" for error in run.errors if not error.expected]),
+        "damaged": _few(run.damaged),
         "other_options": _has_other_options(head),
-        "summary": report.summary,
         "files": [str(path) for path in report.files],
     }
+
+
+def _few(lines: Sequence[str]) -> list[str]:
+    """Some lines, and how many more there are."""
+    more = len(lines) - _MOST_LINES
+    return [*lines[:_MOST_LINES], *([f"and {more} more, in the report"] if more > 0 else [])]
 
 
 def _has_other_options(head: Mapping[str, Any]) -> bool:

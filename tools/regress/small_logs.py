@@ -32,13 +32,14 @@ def main() -> int:
     return 0
 
 
-def write_corpus(folder: pathlib.Path, count: int) -> None:
-    """A folder of small logs with their list."""
+def write_corpus(folder: pathlib.Path, count: int, *, refused: bool = False) -> None:
+    """A folder of small logs with their list; `refused`: all of them the same one, cut off."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = [LIST_HEAD]
+    same = small_log(0)
     for number in range(count):
-        name, content = f"small_{number:05d}", small_log(number)
-        cut = number % CUT_EVERY == CUT_EVERY - 1
+        name, content = f"small_{number:05d}", same if refused else small_log(number)
+        cut = refused or number % CUT_EVERY == CUT_EVERY - 1
         (folder / f"{name}.mcap").write_bytes(content[: len(content) // 3] if cut else content)
         expect = "E_TRUNCATED" if cut else "improved"
         lines.append(f'[logs.{name}]\nclass = "small"\nexpect = "{expect}"\n')

@@ -49,12 +49,15 @@ def main() -> int:
     parser.add_argument("--worker-kills", type=int, default=5)
     parser.add_argument("--coordinator-kills", type=int, default=0)
     parser.add_argument("--method", default="ddp")
+    parser.add_argument(
+        "--refused", action="store_true", help="logs that take no time, to look at the coordinator alone"
+    )
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # what was started is ended then, too
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
-        write_corpus(folder / "corpus", options.count)
+        write_corpus(folder / "corpus", options.count, refused=options.refused)
         with LocalCluster(folder / "cluster", options.workers) as cluster:
             seen = storm(folder, cluster, options)
         left = [pid for pid in seen.killed if _is_running(pid)]
@@ -69,7 +72,7 @@ def storm(folder: pathlib.Path, cluster: LocalCluster, options: argparse.Namespa
     seen, begun = Seen(), time.monotonic()
     process = _coordinator(folder, cluster, options, resume=False)
     while process.poll() is None:
-        time.sleep(0.25)
+        time.sleep(0.5)
         done = _done(folder)
         seen.memory.append((done, _memory(process.pid)))
         if kills and done >= kills[0]:
@@ -125,7 +128,9 @@ def growth(memory: list[tuple[int, float]], since: int) -> float:
 
 
 def _done(folder: pathlib.Path) -> int:
-    return sum(len(Store(run).done()) for run in (folder / "runs").glob("*"))
+    """Results that are there."""
+    logs = list((folder / "runs").glob("*/logs"))
+    return sum(name.endswith(".json") for each in logs for name in os.listdir(each))  # noqa: PTH208 - thousands
 
 
 def _memory(pid: int) -> float:
