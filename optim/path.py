@@ -13,9 +13,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from optim.arrays import Array, IntArray, frozen, frozen_int
-from optim.vehicle import Vehicle, roll_out
+from optim.vehicle import LARGEST_STEP, Vehicle, roll_out, roll_out_kernel
 
 LENGTH_TOLERANCE = 1e-9
 """Pieces shorter than this [m] are no pieces: below it, differences of coordinates carry no direction."""
@@ -180,14 +181,25 @@ def sample_segment(vehicle: Vehicle, segment: Segment, s: Array) -> tuple[Array,
     s = np.clip(np.asarray(s, float), 0.0, segment.length)
     left = np.clip(np.searchsorted(segment.s, s, side="right") - 1, 0, segment.num_samples - 2)
     phi = np.interp(s, segment.s, segment.phi)
-    states = segment.states[left].copy()
-    for k, i in enumerate(left):
-        if abs(s[k] - segment.s[i + 1]) <= LENGTH_TOLERANCE:
-            states[k] = segment.states[i + 1]
-        elif s[k] - segment.s[i] > LENGTH_TOLERANCE:
-            span, steer = np.array([segment.s[i], s[k]]), np.array([segment.phi[i], phi[k]])
-            states[k] = roll_out(vehicle, states[k], span, steer, segment.direction)[-1]
-    return states, phi
+    place = (segment.states, segment.s, segment.phi, float(segment.direction), vehicle.kinematics)
+    return _sample(*place, frozen(s), frozen_int(left), frozen(phi)), phi
+
+
+@njit(cache=True)
+def _sample(states, along, steering, d, kinematics, s, left, phi):
+    """States at s, each integrated from the sample left of it."""
+    out = np.empty((s.size, 4))
+    span, steer = np.empty(2), np.empty(2)
+    for k in range(s.size):
+        i = left[k]
+        if abs(s[k] - along[i + 1]) <= LENGTH_TOLERANCE:
+            out[k] = states[i + 1]
+        elif s[k] - along[i] > LENGTH_TOLERANCE:
+            span[0], span[1], steer[0], steer[1] = along[i], s[k], steering[i], phi[k]
+            out[k] = roll_out_kernel(states[i], span, steer, d, kinematics, LARGEST_STEP)[1]
+        else:
+            out[k] = states[i]
+    return out
 
 
 def resample(vehicle: Vehicle, path: Path, spacing: float) -> Path:

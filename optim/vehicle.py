@@ -27,6 +27,8 @@ from numba import njit
 
 from optim.arrays import Array, IntArray, frozen
 
+LARGEST_STEP = 0.05
+"""Of the integration in roll-outs, if nothing else is said [m]."""
 _UPPER_LIMIT = 100.0  # [m]: no road vehicle's part is longer; catches millimetres
 
 
@@ -141,7 +143,8 @@ def rk4(x, y, theta, alpha, phi0, phi1, ds, d, l, l_t, offset):
 
 
 @njit(cache=True)
-def _roll_out(state0, s, phi, d, kinematics, max_step):
+def roll_out_kernel(state0, s, phi, d, kinematics, max_step):
+    """States at the arc lengths s; see `roll_out`."""
     l, l_t, offset = kinematics
     states = np.empty((s.size, 4))
     x, y, theta, alpha = state0[0], state0[1], state0[2], state0[3]
@@ -220,13 +223,17 @@ def rk4_step_jacobian(
     return states + ds[:, None] / 6.0 * total, jacobian
 
 
-def roll_out(vehicle: Vehicle, state0: Array, s: Array, phi: Array, direction: int, max_step: float = 0.05) -> Array:
+def roll_out(
+    vehicle: Vehicle, state0: Array, s: Array, phi: Array, direction: int, max_step: float = LARGEST_STEP
+) -> Array:
     """States at the arc lengths s [m] from state0, phi linear between samples, steps of at most max_step [m].
 
     Reverse driving amplifies an error in the hitch angle like exp(s / l_t): do not expect a long reverse
     roll-out of rounded steering angles to end where the original did. Shape (N, 4).
     """
-    return _roll_out(frozen(state0), frozen(s), frozen(phi), float(direction), vehicle.kinematics, float(max_step))
+    return roll_out_kernel(
+        frozen(state0), frozen(s), frozen(phi), float(direction), vehicle.kinematics, float(max_step)
+    )
 
 
 def _require_flat(vehicle: Vehicle) -> None:

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from optim.arrays import Array
 from optim.cpo.spline import GAUSS_W, Basis, basis, positions, sampled
@@ -181,6 +180,8 @@ def fit_points(vehicle: Vehicle, points: Array, start: Array, end: Array, trust:
 
 def _first_guess(vehicle: Vehicle, points: Array, start: Array, end: Array, trust: Trust) -> tuple[_Task, Array, float]:
     """The task, and the coefficients and the length of the curve that the points themselves make."""
+    from scipy.interpolate import CubicSpline  # takes a quarter of a second to load
+
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     length = float(along[-1])
     bases = basis(max(6, math.ceil(length / trust.knots)))
@@ -247,6 +248,8 @@ def drivable_stretch(
 
 def _linear_between(s: Array, phi: Array) -> Array:
     """Steering whose straight lines between samples turn as much as the curve through the given samples."""
+    from scipy.interpolate import CubicSpline  # takes a quarter of a second to load
+
     bend = CubicSpline(s, phi)(s, 2)
     h = np.diff(s)
     square = np.concatenate([[h[0] ** 2], h[:-1] * h[1:], [h[-1] ** 2]])

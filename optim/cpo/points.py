@@ -8,7 +8,6 @@ the end that of the recorded path, so that both sides of a cusp meet in it.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from optim.arrays import Array, BoolArray
 from optim.path import Segment
@@ -70,6 +69,8 @@ def spread(track: Track, curve: Array, share: Array, spacing: float, anchors: Ar
 
     anchors: (k, 2) first and last share of each stretch that stays as recorded.
     """
+    from scipy.interpolate import CubicSpline  # takes a quarter of a second to load
+
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(curve, axis=0).T))])
     count = max(2 * ENDS + 2, round(along[-1] / spacing) + 1)
     h = along[-1] / (count - 1)

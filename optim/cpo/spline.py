@@ -5,13 +5,15 @@ quadrature with four nodes in each of P panels.
 """
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from optim.arrays import Array
 from optim.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 _GAUSS_X = 0.5 + 0.5 * np.array([-0.8611363115940526, -0.3399810435848563, 0.3399810435848563, 0.8611363115940526])
 GAUSS_W = 0.5 * np.array([0.3478548451374538, 0.6521451548625461, 0.6521451548625461, 0.3478548451374538])
@@ -28,8 +30,10 @@ class Basis(NamedTuple):
     turn_nodes: Array  # (4 P, m) the same at the Gauss nodes
 
 
-def spline(c: Array) -> BSpline:
+def spline(c: Array) -> "BSpline":
     """Curvature by t; c: (m,) coefficients or (m, m), each column a spline."""
+    from scipy.interpolate import BSpline  # takes a quarter of a second to load
+
     count = len(c) - 3
     knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, count + 1), [1.0] * 3])
     return BSpline(knots, c, 3)

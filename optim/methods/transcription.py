@@ -276,16 +276,21 @@ def remesh(vehicle: Vehicle, knots: Knots, spacing: float, like: Path) -> Knots:
 
 def within_rate(knots: Knots, limit: float) -> Array:
     """The steering with no change faster than the limit [rad/m]: the mean of limiting it from either end."""
-    phi = knots.phi.copy()
-    for run in knots.runs:
-        forth, back, most = phi.copy(), phi.copy(), limit * knots.h
-        for k in range(run.start, run.stop):
-            forth[k + 1] = np.clip(phi[k + 1], forth[k] - most[k], forth[k] + most[k])
-        for k in range(run.stop - 1, run.start - 1, -1):
-            back[k] = np.clip(phi[k], back[k + 1] - most[k], back[k + 1] + most[k])
-        block = slice(run.start, run.stop + 1)
-        phi[block] = 0.5 * (forth[block] + back[block])  # both keep the limits, which are convex
-    return phi
+    return _within_rate(knots.phi, knots.h, knots.gear, float(limit))
+
+
+@njit(cache=True)
+def _within_rate(phi, h, gear, limit):
+    forth, back = phi.copy(), phi.copy()
+    for k in range(h.size):
+        if gear[k] != 0:
+            most = limit * h[k]
+            forth[k + 1] = min(max(phi[k + 1], forth[k] - most), forth[k] + most)
+    for k in range(h.size - 1, -1, -1):
+        if gear[k] != 0:
+            most = limit * h[k]
+            back[k] = min(max(phi[k], back[k + 1] - most), back[k + 1] + most)
+    return 0.5 * (forth + back)  # both keep the limits, which are convex
 
 
 def is_worn(knots: Knots, spacing: float) -> bool:
