@@ -80,6 +80,9 @@ def _read(stored: Mapping[str, Any]) -> ReadReport:
         hitch=stored.get("hitch") or "reconstructed",
         max_deviation_m=_number(stored.get("max_deviation_m")),
         max_deviation_rad=_number(stored.get("max_deviation_rad")),
+        rms_deviation_m=_number(stored.get("rms_deviation_m"), 0.0),
+        rms_deviation_rad=_number(stored.get("rms_deviation_rad"), 0.0),
+        goal_hitch_sigma=_number(stored.get("goal_hitch_sigma"), 0.0),
         notes=tuple(map(str, stored.get("notes") or ())),
         lost=bool(stored.get("lost")),
     )

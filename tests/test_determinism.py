@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 from typing import Any
@@ -68,4 +69,4 @@ def test_no_module_draws_from_a_generator_that_all_share() -> None:
         text = file.read_text(encoding="utf-8")
         assert "import random" not in text, file
         for part in text.split("np.random.")[1:]:
-            assert part.startswith(("default_rng(self.seed)", "Generator")), (file, part[:40])
+            assert re.match(r"default_rng\([\w.]+\)|Generator", part), (file, part[:40])

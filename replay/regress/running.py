@@ -5,10 +5,11 @@ import dataclasses
 import datetime
 import os
 import pathlib
-import random
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from replay.errors import ReplayError
 from replay.files import WRITE_ERROR, reserved
@@ -128,7 +129,7 @@ def remaining(plan: Plan, store: Store) -> list[Log]:
     if done:
         logs += [log for log in plan.logs if file_stem(log.name) + ".json" in done and _stale(log, store)]
     if plan.shuffle is not None:
-        random.Random(plan.shuffle).shuffle(logs)
+        logs = [logs[k] for k in np.random.default_rng(plan.shuffle).permutation(len(logs))]
     return logs
 
 
