@@ -161,6 +161,22 @@ def test_wrong_usage_is_one_line_and_status_2(arguments, words, capsys, monkeypa
     assert error.count("\n") == 1
 
 
+def test_a_regression_is_told_by_the_status_also_to_who_reads_the_first_line_alone(tmp_path):
+    folder = help.make_corpus(tmp_path / "corpus", ["bay_01"])
+    listed = tmp_path / "corpus" / "corpus.toml"
+    listed.write_text('methods = ["ddp"]\n' + listed.read_text().replace("improved", "E_NO_MAP"))
+    process = subprocess.Popen(
+        help.call("regress", folder, "--out", str(tmp_path / "runs"), "--quiet"),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    process.stdout.close()
+    _, error = process.communicate(timeout=120)
+    assert (process.returncode, error) == (1, "")
+
+
 # ---- killed, interrupted, resumed
 
 

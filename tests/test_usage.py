@@ -1,6 +1,8 @@
 """What a user is told who calls a command wrongly: what is expected, with an example."""
 
 import shlex
+import subprocess
+import sys
 
 import pytest
 
@@ -30,3 +32,12 @@ def test_a_folder_that_cannot_be_made_is_told_with_a_way_out(folder, capsys):
     said = capsys.readouterr().err
     assert said.startswith(f"replay: --out {folder}: the folder cannot be made: ")
     assert "choose one that you may write to, as in --out out" in said
+
+
+def test_a_reader_that_goes_after_the_first_line_is_no_failure():
+    command = [sys.executable, "-c", "import sys; from replay.cli import main; sys.exit(main())", "methods"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    process.stdout.close()
+    _, error = process.communicate(timeout=60)
+    assert (process.returncode, error) == (0, "")

@@ -62,10 +62,10 @@ def _run(tokens: list[str]) -> int:
         _say("replay: interrupted")
         return ExitStatus.INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as in `replay methods | head -1`
-        _drop_output()
+        drop_output()
         return ExitStatus.OK
     except OutputLost as error:
-        _drop_output()
+        drop_output()
         _say(f"replay: {error}")
         return ExitStatus.SHORT
     return int(status or ExitStatus.OK)
@@ -108,7 +108,7 @@ def use_one_thread() -> None:
     os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
 
 
-def _drop_output() -> None:
+def drop_output() -> None:
     """Let what is still to be written on standard output go nowhere, also when Python ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -46,14 +46,21 @@ def _writing() -> Iterator[None]:
         raise OutputLost(f"standard output cannot be written: {error.strerror or error}") from error
 
 
+class _Console(Console):
+    """Tells that the reader of its output has gone, where rich would end the program with status 1."""
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
 class Voice:
     """Speaks for one command, as loud as its options say."""
 
     def __init__(self, common: Common) -> None:
         self.common = common
-        self.data = Console(highlight=False, markup=False, emoji=False)
+        self.data = _Console(highlight=False, markup=False, emoji=False)
         self.data.width = max(self.data.width, LEAST_WIDTH) if self.data.is_terminal else WIDTH
-        self.people = Console(stderr=True, highlight=False, markup=False, emoji=False)
+        self.people = _Console(stderr=True, highlight=False, markup=False, emoji=False)
 
     @property
     def wants_progress(self) -> bool:

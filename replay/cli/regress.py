@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from optim.methods import METHODS
+from replay.cli import drop_output
 from replay.cli.against import time_against
 from replay.cli.console import Common, Voice
 from replay.cli.optimize import MethodFlags, WeightFlags
@@ -245,10 +246,15 @@ def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, exec
             raise
         voice.error(str(error))
         return ExitStatus.SHORT
-    return _told(voice, plan, store, said)
+    status = _status(said)
+    try:
+        _tell(voice, plan, store, said, status)
+    except BrokenPipeError:  # who reads the first lines alone must not turn a regression into a success
+        drop_output()
+    return status
 
 
-def _told(voice: Voice, plan: Plan, store: Store, said: Any) -> ExitStatus:
+def _tell(voice: Voice, plan: Plan, store: Store, said: Any, status: ExitStatus) -> None:
     """Say what a run amounts to: the verdict first, what to do last."""
     voice.show(said["headline"])
     voice.show(*(f"  {line}" for line in said["failing"]))
@@ -260,14 +266,12 @@ def _told(voice: Voice, plan: Plan, store: Store, said: Any) -> ExitStatus:
     if said["other_options"]:
         voice.note("the baseline was made with other options")
     voice.show(f"report: {store.folder / 'report.html'}")
-    status = _status(said)
     if voice.common.json:
         document = {key: said[key] for key in ("headline", "failing", "known", "passing", "unread", "files")}
         about = {"schema": "replay.regress/1", "exit_status": int(status), "run": str(store.folder)}
         voice.document(about | document | {"summary": json.loads((store.folder / SUMMARY).read_text())})
     if said["state"] in ("failed", "unjudged"):
         voice.note(_advice(plan, store, said["state"]))
-    return status
 
 
 def _status(said: Any) -> ExitStatus:
