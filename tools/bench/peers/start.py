@@ -41,17 +41,17 @@ def run(logs: list[pathlib.Path], folder: pathlib.Path) -> None:
         return
     folder.mkdir(parents=True, exist_ok=True)
     replay = str(pathlib.Path(sys.executable).parent / "replay")
-    row: Row = {"help": timed([replay, "--help"], 7), "imports": {}}
+    row: Row = {"help": timed([replay, "--help"], 9), "imports": {}}
     for name in IMPORTS:
         row["imports"][name] = timed([sys.executable, "-c", f"import {name}"], 3)
     row["bare"] = timed([sys.executable, "-c", ""], 5)
     with tempfile.TemporaryDirectory() as out:
         optimize = [replay, "optimize", str(chosen[0]), "--out", out]
         timed(optimize, 1)
-        row["warm"] = timed(optimize, 3)
-        row["without"] = timed([*optimize, "--no-recording"], 2)
+        row["warm"] = timed(optimize, 2)
+        row["without"] = timed([*optimize, "--no-recording"], 1)
         for name in ("shortcut", "cpo", "ddp", "nlp", "scp"):
-            row[name] = timed([*optimize, "--no-recording", "--method", name], 2)
+            row[name] = timed([*optimize, "--no-recording", "--method", name], 1)
         with tempfile.TemporaryDirectory() as cache:
             row["cold"] = timed(optimize, 1, cache)
         with tempfile.TemporaryDirectory() as cache:
