@@ -101,12 +101,13 @@ def report(folder: pathlib.Path) -> str:
         lines += [
             "",
             f"On the {len(whole)} of {len(rows)} logs where both keep the constraints: median ratio "
-            f"{statistics.median(whole):.1f} with its model in Python, at least {statistics.median(bounds):.1f} with one "
-            "in C++ (asked for: 3). With a compiled model both would spend most of their time in the same derivatives "
-            "and collision queries, some 2 us a stage and iteration with the roll-outs; its backward pass alone takes "
-            "several times as long as ours (`tools/bench/ddp.py`), but that is the smaller part. Ours also lists anew "
-            "what is near, which the bound leaves out. Where crocoddyl misses, it has used up its iterations: it has "
-            "no trust in how far a step may go, and jumps over obstacles.",
+            f"{statistics.median(whole):.1f} with its model in Python, at least {statistics.median(bounds):.1f} with "
+            "one in C++ (asked for: 3). With a compiled model both would spend most of their time in the same "
+            "derivatives and collision queries, some 2 us a stage and iteration with the roll-outs; its "
+            "backward pass alone takes several times as long as ours (`tools/bench/ddp.py`), but that is the "
+            "smaller part. Ours also lists anew what is near, which the bound leaves out. Where crocoddyl "
+            "misses, it has used up its iterations: it has no trust in how far a step may go, and jumps over "
+            "obstacles.",
         ]
     parking = folder / "car_parking.txt"
     if parking.exists():

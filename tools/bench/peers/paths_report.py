@@ -19,8 +19,22 @@ def report(folder: pathlib.Path) -> str:
         by_log.setdefault(row["log"], {})[row["name"]] = row
     names = list(dict.fromkeys(row["name"] for row in rows))
     order = sorted(names, key=lambda name: (_kind(name), -_success(by_log, name), _median(by_log, name)))
-    parts = ["## Whole logs", _words(len(by_log)), _summary(by_log, order), *_targets(by_log), _each(by_log, order)]
+    parts = [
+        "## Whole logs",
+        _words(len(by_log)),
+        *_missing(by_log, names),
+        _summary(by_log, order),
+        *_targets(by_log),
+        _each(by_log, order),
+    ]
     return "\n\n".join(parts)
+
+
+def _missing(by_log: dict[str, dict[str, Row]], names: list[str]) -> list[str]:
+    """Who has not solved all of these logs yet."""
+    counts = {name: sum(name in rows for rows in by_log.values()) for name in names}
+    short = [f"{name} {count}" for name, count in counts.items() if count < len(by_log)]
+    return [f"Measured on fewer of these logs so far: {', '.join(short)}."] if short else []
 
 
 def _kind(name: str) -> int:
