@@ -1,6 +1,6 @@
 # Everything runs in .venv, which is made by the first target that needs it.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format bench corpus study screenshot clean
+.PHONY: help setup demo test check format bench corpus planners study nightly screenshot clean
 .DELETE_ON_ERROR:
 
 ENV := .venv
@@ -57,8 +57,15 @@ bench: $(MADE)  ## measure speed and quality
 corpus: $(MADE)  ## make the recorded logs in recordings/ again
 	$(BIN)/python tools/make_corpus.py
 
-study: $(MADE)  ## run all methods over the full corpus and write recordings/STUDY.md
+planners: $(MADE)  ## compare the planners that make the logs; writes the table in recordings/README.md
+	$(BIN)/python tools/compare_planners.py
+
+study: $(MADE)  ## run all methods over the full corpus and write recordings/STUDY.md and STUDY_OBSTACLES.md
 	$(BIN)/python tools/study.py
+	$(BIN)/python tools/study.py --part obstacles
+
+nightly: $(MADE)  ## run the regression over all logs in recordings/; keeps the run in runs/
+	$(BIN)/replay regress recordings --jobs 2
 
 screenshot: demo  ## make docs/overview.png from the demo's recording (needs a Vulkan driver)
 	$(BIN)/python tools/screenshot.py out/bay_01.rrd docs --tab Overview --timeline progress --at 600

@@ -94,7 +94,8 @@ def sweep(vehicle: VehicleData, scene: SceneData, track: Track, defects: Array) 
     """Distances of the area swept in each interval; `defects` of x, y, theta, alpha have shape (4, M)."""
     corners = footprints(vehicle, track.samples)
     pairs = np.concatenate([corners[track.left], corners[track.left + 1]], axis=2)
-    hulls = np.asarray(shapely.convex_hull(shapely.multipoints(pairs.reshape(-1, 8, 2))))
+    # of the points, whatever holds them: lines are made four times as quickly as sets of points
+    hulls = np.asarray(shapely.convex_hull(shapely.linestrings(pairs.reshape(-1, 8, 2))))
     spread = inflation(vehicle, track, defects)
     distance, polygon = _signed_distances(hulls, scene.polygons)
     room = _distances_inside(hulls, scene.boundary)

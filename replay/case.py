@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from optim.problem import Problem
 
+HitchSource = Literal["trailer path", "joint", "transform", "reconstructed"]
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MapImage:
@@ -28,12 +30,18 @@ class ReadReport:
 
     poses: int
     """Poses in the path message, before repeated ones are merged."""
-    hitch: Literal["trailer path", "reconstructed"]
+    hitch: HitchSource
     """Where the hitch angle comes from."""
     max_deviation_m: float
     """Largest distance between a pose of the log and the recorded path [m]."""
     max_deviation_rad: float
     """Largest difference in heading between a pose of the log and the recorded path [rad]."""
+    rms_deviation_m: float = 0.0
+    """Root mean square of these distances over all poses of the log [m]."""
+    rms_deviation_rad: float = 0.0
+    """The same of the headings [rad]."""
+    goal_hitch_sigma: float = 0.0
+    """Standard deviation of a reconstructed hitch angle at the last pose, from the poses' noise [rad]; else 0."""
     notes: tuple[str, ...] = ()
     """One line each: warnings about the log, then what is wrong with the recorded path."""
     lost: bool = False
@@ -55,3 +63,5 @@ class Case:
     """None where the map was recorded as shapes."""
     frame: str
     """Coordinate frame of the map and of every path."""
+    time_ns: int = 0
+    """When the path was logged [ns]."""

@@ -99,7 +99,7 @@ def write_results(path: str | os.PathLike[str], document: Mapping[str, Any]) -> 
 
     Raises ReplayError (E_WRITE) where the file cannot be written.
     """
-    text = json.dumps(_plain(document), sort_keys=True, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    text = json.dumps(plain(document), sort_keys=True, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     # A file name that is no valid UTF-8 reaches us with lone surrogates; in JSON these are escapes.
     content = text.encode("utf-8", errors="backslashreplace") + b"\n"
     with atomic_write(path) as temporary:
@@ -267,29 +267,30 @@ def _method(method: "MethodRun") -> dict[str, Any]:
 
 def tool() -> dict[str, Any]:
     """Which program made a document."""
-    versions = {name: _version(name) for name in PACKAGES}
-    return {"version": _version(DISTRIBUTION), "packages": versions, "python": platform.python_version()}
+    versions = {name: installed_version(name) for name in PACKAGES}
+    return {"version": installed_version(DISTRIBUTION), "packages": versions, "python": platform.python_version()}
 
 
-def _version(distribution: str) -> str | None:
+def installed_version(distribution: str) -> str | None:
+    """The version of a distribution; None where it is not installed."""
     try:
         return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:
         return None
 
 
-def _plain(value: Any) -> Any:
-    """What JSON can hold: NumPy's numbers and arrays as Python's, what is not finite as None."""
+def plain(value: Any) -> Any:
+    """Data as JSON can hold them: NumPy's numbers and arrays as Python's, what is not finite as None."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(entry) for key, entry in value.items()}
+        return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, (list, tuple)):
-        return [_plain(entry) for entry in value]
+        return [plain(entry) for entry in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, enum.Enum):
-        return _plain(value.value)
+        return plain(value.value)
     if value is None or isinstance(value, (bool, int, str)):
         return value
     if isinstance(value, os.PathLike):

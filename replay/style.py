@@ -75,3 +75,9 @@ def as_uint32(colour: Colour, alpha: int = 255) -> int:
     """0xRRGGBBAA, the form that columns of colours take."""
     red, green, blue = colour
     return red << 24 | green << 16 | blue << 8 | alpha
+
+
+def lighter(colour: Colour) -> Colour:
+    """The same hue half way to white."""
+    red, green, blue = ((part + 255) // 2 for part in colour)
+    return red, green, blue

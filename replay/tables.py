@@ -109,14 +109,15 @@ def options_table(options: Iterable[Any]) -> Table:
 
 
 def channels_table(channels: Iterable[Mapping[str, Any]]) -> Table:
-    """Topics of a log with schema, encoding and number of messages."""
+    """Topics of a log with schema, encoding, number of messages, and what was understood of them."""
     table = _bare_table()
     for heading in ("topic", "schema", "encoding"):
         table.add_column(heading, overflow="fold")
     table.add_column("messages", justify="right", no_wrap=True)
+    table.add_column("understood", overflow="fold")
     for channel in channels:
         cells = (channel["topic"], channel["schema"] or "(none)", channel["encoding"])
-        table.add_row(*map(printable, cells), str(channel["messages"]))
+        table.add_row(*map(printable, cells), str(channel["messages"]), printable(channel["understood"], 200))
     return table
 
 

@@ -2,18 +2,21 @@
 
 The child is forked once, and again after it had to be ended or has died; it stays warm between methods. It gets a
 problem and a method, and sends iterates and the outcome back. Ctrl-C is the parent's business: the child ignores it
-and is killed. When the parent dies, the child ends with its next word.
+and is killed. When the parent dies, the child is ended by the system (Linux), or ends with its next word.
 """
 
 import contextlib
+import ctypes
 import io
 import math
 import multiprocessing
+import os
 import pickle
 import signal
+import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from types import MappingProxyType, TracebackType
@@ -29,6 +32,9 @@ from replay.solving import Solved, solve
 GRACE_S = 2.0
 """Time that a method has to tell its next iterate after its time is up [s]; then its process is ended."""
 _MIB = 1 << 20
+_PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
+_ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP} if hasattr(signal, "SIGHUP") else set[signal.Signals]()
+"""Signals that ask a process to end; only systems that have SIGHUP can isolate."""
 
 
 def can_isolate() -> bool:
@@ -100,8 +106,10 @@ class Worker:
         self._end()
         context = multiprocessing.get_context("fork")
         ours, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, ours, self.limits.memory_mib), daemon=True)
-        with warnings.catch_warnings():
+        self._process = context.Process(
+            target=_serve, args=(theirs, ours, self.limits.memory_mib, os.getpid()), daemon=True
+        )
+        with warnings.catch_warnings(), _signals_later():
             # threads of other libraries may run in this process by now; the child uses nothing that they hold
             warnings.simplefilter("ignore", DeprecationWarning)
             self._process.start()
@@ -154,11 +162,15 @@ class _Clock:
         return max(0.0, self._limit - self.spent())
 
 
-def _serve(pipe: Connection, parents: Connection, memory_mib: int | None) -> None:
+def _serve(pipe: Connection, parents: Connection, memory_mib: int | None, parent: int) -> None:
     """The child: solve what comes until the pipe closes."""
+    end_with_parent(parent)
     parents.close()  # else the pipe would never end
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _limit_memory(memory_mib)
+    for number in _ENDING - {signal.SIGINT}:
+        signal.signal(number, signal.SIG_DFL)  # what the parent does on these is not for the child
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+    limit_memory(memory_mib)
     with contextlib.suppress(EOFError, OSError):
         while True:
             problem, method, time_limit = pickle.loads(pipe.recv_bytes())
@@ -167,7 +179,30 @@ def _serve(pipe: Connection, parents: Connection, memory_mib: int | None) -> Non
             _send(pipe, ("solved", solve(problem, method, tell, time_limit=time_limit, on_compiling=told)))
 
 
-def _limit_memory(memory_mib: int | None) -> None:
+@contextlib.contextmanager
+def _signals_later() -> Iterator[None]:
+    """Signals that end a process wait while the block runs: a child that is being made is neither lost nor confused."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def end_with_parent(parent: int) -> None:
+    """Have the system end this process when the thread that started it ends, where it can (Linux).
+
+    Without it a child of a killed process would work on, until it has its next word to say.
+    """
+    if sys.platform != "linux":
+        return
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it has gone in the meantime
+        os._exit(1)
+
+
+def limit_memory(memory_mib: int | None) -> None:
+    """Limit the data that this process may hold, where the system can [MiB]."""
     if memory_mib is None:
         return
     import resource  # not on every system

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from optim.vehicle import Vehicle, roll_out
 from replay.case import Case
@@ -21,12 +21,31 @@ from replay.logs import ReadOptions, read_cases
 SECOND = 1_000_000_000
 GRID, PATH = "nav_msgs/msg/OccupancyGrid", "nav_msgs/msg/Path"
 MARKERS = "visualization_msgs/msg/MarkerArray"
+AUTOWARE = {
+    "Trajectory": "std_msgs/Header header\nautoware_planning_msgs/TrajectoryPoint[] points\n",
+    "TrajectoryPoint": "builtin_interfaces/Duration time_from_start\ngeometry_msgs/Pose pose\n"
+    + "".join(
+        f"float32 {name}\n"
+        for name in (
+            "longitudinal_velocity_mps",
+            "lateral_velocity_mps",
+            "acceleration_mps2",
+            "heading_rate_rps",
+            "front_wheel_angle_rad",
+            "rear_wheel_angle_rad",
+        )
+    ),
+}
+"""Definitions that ROS 2 itself does not hold."""
 
 
 @cache
 def typestore(store: Stores = Stores.ROS2_HUMBLE) -> Any:
     """The message types of a ROS 2 distribution."""
-    return get_typestore(store)
+    types = get_typestore(store)
+    for name, text in AUTOWARE.items():
+        types.register(get_types_from_msg(text, f"autoware_planning_msgs/msg/{name}"))
+    return types
 
 
 def ros(kind: str, **fields: Any) -> Any:
@@ -121,6 +140,73 @@ def marker(
 
 def markers(*each: Any) -> Any:
     return ros(MARKERS, markers=list(each))
+
+
+def pose_array(poses: Iterable[Sequence[float]], frame: str = "map", time: int = 0) -> Any:
+    return ros(
+        "geometry_msgs/msg/PoseArray", header=header(frame, time), poses=[pose(x, y, yaw) for x, y, yaw in poses]
+    )
+
+
+def trajectory(
+    poses: np.ndarray, speed: Iterable[float], steer: Iterable[float], frame: str = "map", step: int = 0
+) -> Any:
+    """Autoware's trajectory of (x, y, yaw) with speeds [m/s] and wheel angles [rad], `step` [ns] apart."""
+    points = [
+        ros(
+            "autoware_planning_msgs/msg/TrajectoryPoint",
+            time_from_start=ros("builtin_interfaces/msg/Duration", sec=i * step // SECOND, nanosec=i * step % SECOND),
+            pose=pose(row[0], row[1], row[2]),
+            longitudinal_velocity_mps=float(v),
+            lateral_velocity_mps=0.0,
+            acceleration_mps2=0.0,
+            heading_rate_rps=0.0,
+            front_wheel_angle_rad=float(phi),
+            rear_wheel_angle_rad=0.0,
+        )
+        for i, (row, v, phi) in enumerate(zip(poses, speed, steer, strict=True))
+    ]
+    return ros("autoware_planning_msgs/msg/Trajectory", header=header(frame), points=points)
+
+
+def polygon(corners: Iterable[Sequence[float]], frame: str | None = "map", time: int = 0) -> Any:
+    """A polygon of corners (x, y); without a header where `frame` is None."""
+    points = [ros("geometry_msgs/msg/Point32", x=float(x), y=float(y), z=0.0) for x, y in corners]
+    plain = ros("geometry_msgs/msg/Polygon", points=points)
+    return (
+        plain if frame is None else ros("geometry_msgs/msg/PolygonStamped", header=header(frame, time), polygon=plain)
+    )
+
+
+def joints(positions: Mapping[str, float], time: int = 0) -> Any:
+    none = np.zeros(0)
+    return ros(
+        "sensor_msgs/msg/JointState",
+        header=header("", time),
+        name=list(positions),
+        position=np.array(list(positions.values())),
+        velocity=none,
+        effort=none,
+    )
+
+
+def transform(parent: str, child: str, at: Sequence[float], time: int = 0, z: float = 0.0) -> Any:
+    """The pose (x, y, yaw) of frame `child` in frame `parent`."""
+    there = pose(at[0], at[1], at[2])
+    return ros(
+        "geometry_msgs/msg/TransformStamped",
+        header=header(parent, time),
+        child_frame_id=child,
+        transform=ros(
+            "geometry_msgs/msg/Transform",
+            translation=ros("geometry_msgs/msg/Vector3", x=float(at[0]), y=float(at[1]), z=z),
+            rotation=there.orientation,
+        ),
+    )
+
+
+def transforms(*each: Any) -> Any:
+    return ros("tf2_msgs/msg/TFMessage", transforms=list(each))
 
 
 def serialised(message: Any) -> bytes:
@@ -241,9 +327,9 @@ def shifted(poses: np.ndarray, dx: float, dy: float = 0.0) -> np.ndarray:
 def log_of(truck: Any, axle: Any = None, cells: np.ndarray | None = None, **options: Any) -> LogMaker:
     """A log of a vehicle, a map and one or two paths, given as poses or as messages."""
     maker = LogMaker().vehicle().add("/map", grid(yard() if cells is None else cells, **options), 1)
-    maker.add("/truck", truck if hasattr(truck, "poses") else path(truck), 2)
+    maker.add("/truck", truck if hasattr(truck, "header") else path(truck), 2)
     if axle is not None:
-        maker.add("/trailer", axle if hasattr(axle, "poses") else path(axle), 2)
+        maker.add("/trailer", axle if hasattr(axle, "header") else path(axle), 2)
     return maker
 
 

@@ -86,7 +86,7 @@ def test_the_installed_command_says_its_version():
 def test_numerical_libraries_are_told_to_use_one_thread():
     program = (
         "import os; from replay.cli import main; main(['--version'])\n"
-        "assert os.environ['OMP_NUM_THREADS'] == '3' and os.environ['OPENBLAS_NUM_THREADS'] == '1'"
+        "assert os.environ['OMP_NUM_THREADS'] == '1' and os.environ['OPENBLAS_NUM_THREADS'] == '1'"
     )
     environment = {key: value for key, value in os.environ.items() if not key.endswith("_NUM_THREADS")}
     done = in_a_process("-c", program, env=environment | {"OMP_NUM_THREADS": "3"})

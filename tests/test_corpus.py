@@ -21,9 +21,11 @@ from replay.errors import LogError
 from replay.logs import read_cases
 from replay.results import path_to_document, scene_to_document
 from replay.run import run_case
+from tools.corpus.build import PLANNERS
 from tools.corpus.catalogue import FULL, SITES, Made, difference, make, make_log, read_list, write_list
 from tools.corpus.grid import draw_grid
 from tools.corpus.odd import ODD
+from tools.corpus.public import PUBLIC
 from tools.corpus.rrt import Found, Search, plan, ramp_ends
 from tools.corpus.site import Area, Box, Grid, Site, Wall, footprints
 from tools.corpus.write import content_digest
@@ -100,10 +102,32 @@ def test_the_full_corpus_has_classes_vehicles_and_kinds_of_map() -> None:
     entries = [*LISTED.values(), *FULL_LISTED.values()]
     assert len(entries) >= 60
     kinds = {"open", "constrained", "narrow", "cluttered", "reverse", "cusps"}
-    assert all(sum(entry["class"] == kind for entry in entries) >= 6 for kind in kinds)
+    assert all(sum(entry["class"] == kind for entry in entries) >= 9 for kind in kinds)
     assert {entry["vehicle"] for entry in FULL_LISTED.values()} >= {"default", "source", "tractor", "city"}
     assert all(entry["cusps"] >= 3 for entry in entries if entry["class"] == "cusps")
     assert {entry["map"] for entry in FULL_LISTED.values()} == {"grid", "shapes"}
+
+
+def test_logs_of_public_scenes_name_source_and_licence_and_come_from_all_planners() -> None:
+    entries = {name: FULL_LISTED[name] for name in PUBLIC}
+    assert len(entries) >= 8
+    for name, entry in entries.items():
+        assert entry["source"].startswith("github.com/"), name
+        assert entry["licence"] in ("MIT", "Apache-2.0", "BSD-2-Clause")
+        assert entry["planner"] == PUBLIC[name].planner
+    assert not any("source" in entry for name, entry in FULL_LISTED.items() if name not in PUBLIC)
+    assert {entry.get("planner", "RRT") for entry in FULL_LISTED.values()} == {"RRT", *PLANNERS}
+
+
+@pytest.mark.parametrize("name", ["public_03", "public_07", "narrow_03"])
+def test_a_log_of_another_planner_is_a_drivable_and_free_path_as_listed(name: str) -> None:
+    (case,) = read_cases(FOLDER / "full" / f"{name}.mcap")
+    problem, entry = case.problem, FULL_LISTED[name]
+    scene, path = scene_to_document(problem.scene), path_to_document(problem.recorded)
+    report = audit_recorded(asdict(problem.vehicle), scene, path)
+    assert report.passed, report.failures
+    assert problem.recorded.num_cusps == entry["cusps"]
+    assert problem.recorded.length == pytest.approx(entry["length_m"], abs=0.05)
 
 
 @pytest.mark.parametrize("name", ODD)

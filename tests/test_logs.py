@@ -10,9 +10,10 @@ from shapely import Polygon, union_all
 from optim.vehicle import Vehicle
 from replay.case import Case
 from replay.errors import LogError
+from replay.logs.content import Header, PoseSeries
+from replay.logs.motion import heading_from_motion
 from replay.logs.pairing import hitch_misfit, trailer_at_poses
-from replay.logs.poses import heading_from_motion, recorded_poses
-from replay.logs.ros2 import Header, PoseSeries
+from replay.logs.poses import recorded_poses
 
 Read = Callable[..., list[Case]]
 TRUCK, AXLE = make.drive()

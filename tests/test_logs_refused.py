@@ -62,7 +62,8 @@ def test_messages_in_another_encoding_or_layout_are_refused_by_name(refusal: Cal
     name, kind, _, _, definition, data, time = sound.messages.pop()
     for change, code in (
         ({"encoding": "json"}, "E_ENCODING"),
-        ({"schema_encoding": "ros2idl"}, "E_ENCODING"),
+        ({"schema_encoding": "omgidl"}, "E_ENCODING"),
+        ({"schema_encoding": "ros2idl"}, "E_SCHEMA"),
         ({"definition": definition.replace(b"float64 w", b"float32 w")}, "E_SCHEMA"),
         ({"definition": b""}, "E_SCHEMA"),
     ):

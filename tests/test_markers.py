@@ -10,9 +10,9 @@ from shapely import Polygon, union_all
 
 from replay.case import Case
 from replay.errors import LogError
+from replay.logs.content import Header, Marker
 from replay.logs.markers import marker_polygons
 from replay.logs.planar import Refusal
-from replay.logs.ros2 import Header, Marker
 
 Read = Callable[..., list[Case]]
 TRUCK, AXLE = make.drive()

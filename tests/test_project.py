@@ -71,8 +71,9 @@ def test_every_dependency_has_a_constraint_and_a_lower_bound() -> None:
 
 def test_every_package_imported_is_a_declared_dependency() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    declared = {_canonical(re.split(r"[<>=\[]", line)[0]) for line in project["dependencies"]}
-    modules = {"rerun": "rerun-sdk"}
+    extras = [line for extra, lines in project["optional-dependencies"].items() if extra != "dev" for line in lines]
+    declared = {_canonical(re.split(r"[<>=\[]", line)[0]) for line in [*project["dependencies"], *extras]}
+    modules = {"rerun": "rerun-sdk", "rerun_cli": "rerun-sdk", "fsspec": "s3fs"}
     for name in ("optim", "replay"):
         for path in (ROOT / name).rglob("*.py"):
             for module in _imports(path):

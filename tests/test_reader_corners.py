@@ -110,10 +110,14 @@ def test_node_indices_of_a_log_with_several_paths_are_not_used(read: Read) -> No
     assert any("several paths" in note for note in cases[0].read.notes)
 
 
-def test_white_noise_that_no_truck_can_follow_is_refused_with_the_amount(refusal: Refusal) -> None:
-    noise = np.random.default_rng(1).normal(0.0, 0.12, TRUCK.shape) * (1.0, 1.0, 0.3)
-    error = refusal(make.log_of(TRUCK + noise))
-    assert error.code in ("E_KINEMATICS", "E_PATH_HEADING")
+def test_white_noise_beyond_repair_is_refused_with_the_amount(read: Read, refusal: Refusal) -> None:
+    noise = np.random.default_rng(1).normal(0.0, 1.0, TRUCK.shape) * (1.0, 1.0, 0.1)
+    (case,) = read(make.log_of(TRUCK + 0.08 * noise))
+    assert case.problem.recorded.num_cusps == 1
+    assert any(note.startswith("its poses have noise of ") for note in case.read.notes)
+    error = refusal(make.log_of(TRUCK + 0.4 * noise))
+    assert error.code == "E_KINEMATICS"
+    assert "cm, expected at most 15 cm" in str(error)
 
 
 def test_a_trailer_of_one_pose_is_refused(refusal: Refusal) -> None:

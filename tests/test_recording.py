@@ -179,7 +179,7 @@ def test_a_trial_that_was_turned_down_is_marked_and_moves_neither_the_path_nor_i
 
 def test_a_chain_has_entities_under_its_whole_name(iterative_read: Contents) -> None:
     for parent in ("scene", "signals/steering_deg", "solver/objective", "gear"):
-        assert any(entity.startswith(f"/{parent}/shortcut\\+scp") for entity in iterative_read.tables)
+        assert any(entity.startswith(f"/{parent}/shortcut-scp") for entity in iterative_read.tables)
     assert "Shortcut + SCP" in iterative_read.text("/report/summary")
     assert "| shortcut+scp.attempts | 200 |" in iterative_read.text("/report/run")
 
@@ -217,8 +217,15 @@ def test_the_summary_begins_with_the_verdict(one: Run, one_read: Contents) -> No
     before, after = one.recorded_metrics, one.methods[0].metrics
     assert lines[0].startswith("# ✓ Shortcut improved the path: J −")
     assert f"J {before['objective']:.1f} → {after['objective']:.1f}" in lines[2]
-    assert f"{before['length']:.1f} → {after['length']:.1f} m, 3 → 1 gear change, audit passed" in lines[2]
-    assert f"clearance {after['min_clearance']:.2f} m" in lines[2]
+    assert f"{before['length']:.1f} → {after['length']:.1f} m, 3 → 1 gear change" in lines[2]
+    assert lines[4] == f"**✓ Safe: audit passed, clearance {after['min_clearance']:.2f} m (required: 0.10 m)**"
+
+
+def test_on_iterations_the_gear_strip_counts_the_gear_changes_of_each_iterate(five: Run, five_read: Contents) -> None:
+    assert five_read.rows("/gear/recorded", "StateChange:state", "iteration") == [["3 gear changes"]]
+    shortcut = next(method for method in five.methods if method.name == "shortcut")
+    first = shortcut.iterates[0].path.num_cusps
+    assert five_read.rows("/gear/shortcut", "StateChange:state", "iteration")[0] == [f"{first} gear change"]
 
 
 def test_kept_and_rejected_methods_say_so_with_their_reasons(five_read: Contents) -> None:

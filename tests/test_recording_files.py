@@ -221,9 +221,26 @@ def test_there_is_no_plot_without_data(one_file: pathlib.Path, tmp_path: pathlib
     over_iterations |= {"Time in the solver [ms]", "Residuals"}
     assert "Objective J [-]" in names_in_blueprint(one_file)
     assert not over_iterations & names_in_blueprint(one_file)
-    named = {"defect / tolerance, log10", "step / tolerance, log10"}
+    named = {"defect", "step"}
     path = factory.manoeuvre(8.0, 0.34)
     iterative = written(factory.make_run({"scp": factory.Iterative(path, [path] * 3)}), tmp_path)
     assert over_iterations | named <= names_in_blueprint(iterative)
     lone = written(factory.make_run({"scp": factory.Iterative(path, [path] * 3, names=("step",))}), tmp_path)
     assert "Residuals" not in names_in_blueprint(lone), "the largest one is the only one"
+
+
+def test_a_chain_has_entities_without_an_escaped_plus(tmp_path: pathlib.Path) -> None:
+    path = factory.manoeuvre(8.0, 0.34)
+    contents = Contents(written(factory.make_run({"shortcut+scp": factory.Prepared(path)}), tmp_path))
+    assert contents.rows("/gear/shortcut-scp", "StateChange:state", "progress")
+    assert "Shortcut + SCP: J" in contents.rows("/scene/legend/paths", "LineStrips2D:labels")[0][1]
+
+
+def test_the_summary_names_methods_that_are_as_good(tmp_path: pathlib.Path) -> None:
+    path, worse = factory.manoeuvre(8.0, 0.34), factory.manoeuvre(9.0, 0.34)
+    methods = {"ddp": factory.Prepared(path), "cpo": factory.Prepared(worse), "scp": factory.Prepared(path)}
+    summary = Contents(written(factory.make_run(methods), tmp_path)).text("/report/summary")
+    lines = summary.splitlines()
+    best, other = ("DDP", "SCP") if "DDP" in lines[0] else ("SCP", "DDP")
+    assert lines[0].startswith(f"# ✓ {best} improved the path")
+    assert lines[6] == f"As good within 0.1 %: {other}"

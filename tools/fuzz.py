@@ -4,6 +4,10 @@ Usage: python tools/fuzz.py TARGET [--minutes M] [--corpus FOLDER] [--seed N]
 
     container   the reader of MCAP files, on damaged and invented files
     messages    the decoders of ROS 2 messages and the check of their definitions
+    idl         definitions in IDL
+    protobuf    the decoders of Foxglove's messages in protobuf
+    descriptors the definitions of protobuf messages
+    json        the decoders of Foxglove's messages in JSON
     meaning     whole logs: maps, paths and metadata, up to a case
     metadata    the records `vehicle` and `path_nodes`
     results     results files, and the audit of what they hold
@@ -14,6 +18,7 @@ Whatever ends in one of the errors of one line (`replay.errors`) is well. Anythi
 
 import argparse
 import contextlib
+import functools
 import importlib
 import json
 import os
@@ -29,9 +34,11 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 atheris: Any = importlib.import_module("atheris")
 with atheris.instrument_imports(include=["replay"]):
     from replay.errors import ReplayError
+    from replay.logs import foxglove
     from replay.logs.assemble import read_cases
-    from replay.logs.cdr import CdrError
     from replay.logs.container import scan
+    from replay.logs.content import PayloadError
+    from replay.logs.idl import parse_idl
     from replay.logs.layout import LayoutError, matching_layout
     from replay.logs.planar import Refusal
     from replay.logs.records import Metadata
@@ -40,11 +47,14 @@ with atheris.instrument_imports(include=["replay"]):
     from replay.results import audit_results, read_results
 
 logs_maker: Any = importlib.import_module("logs_maker")
+foxglove_maker: Any = importlib.import_module("foxglove_maker")
+idl_maker: Any = importlib.import_module("idl_maker")
 
 SLOWEST_S = 5
 BETWEEN = b"\xfe\xed\xfa\xce"
 """Between the parts of an input of `meaning`: map, path, trailer's path, hitch_to_axle, indices of nodes."""
 TOPICS = (("/map", "nav_msgs/msg/OccupancyGrid"), ("/truck", "nav_msgs/msg/Path"), ("/trailer", "nav_msgs/msg/Path"))
+_KINDS = sorted(foxglove.FAMILIES)
 LARGEST = 100_000  # bytes of an input; sound logs of a few messages have 5,000
 
 
@@ -59,10 +69,44 @@ def messages(path: pathlib.Path, data: bytes) -> None:
     families = sorted(FAMILIES)
     name = families[data[0] % len(families)] if data else families[0]
     family = FAMILIES[name]
-    with contextlib.suppress(CdrError):
+    with contextlib.suppress(PayloadError):
         family.decode(data[1:], 0)
     with contextlib.suppress(LayoutError):
         matching_layout(name, data[1:], family.standards)
+
+
+def idl(path: pathlib.Path, data: bytes) -> None:
+    del path
+    with contextlib.suppress(LayoutError):
+        parse_idl(data.decode(errors="replace"))
+
+
+def _foxglove(data: bytes, encodings: tuple[str, str]) -> None:
+    family = foxglove.FAMILIES[_KINDS[data[0] % len(_KINDS)]] if data else foxglove.FAMILIES[_KINDS[0]]
+    read = family.reader(encodings, _definition(family.name) if encodings[0] == "protobuf" else b"")
+    with contextlib.suppress(PayloadError):
+        read(data[1:])
+
+
+@functools.cache
+def _definition(kind: str) -> bytes:
+    return foxglove_maker.definition(foxglove_maker.message(kind.removeprefix("foxglove.")))
+
+
+def protobuf(path: pathlib.Path, data: bytes) -> None:
+    del path
+    _foxglove(data, ("protobuf", "protobuf"))
+
+
+def json_messages(path: pathlib.Path, data: bytes) -> None:
+    del path
+    _foxglove(data, ("json", "jsonschema"))
+
+
+def descriptors(path: pathlib.Path, data: bytes) -> None:
+    del path
+    with contextlib.suppress(LayoutError):
+        foxglove.FAMILIES["foxglove.SceneUpdate"].reader(("protobuf", "protobuf"), data)
 
 
 def meaning(path: pathlib.Path, data: bytes) -> None:
@@ -95,7 +139,8 @@ def results(path: pathlib.Path, data: bytes) -> None:
 
 
 TARGETS: dict[str, Callable[[pathlib.Path, bytes], None]] = {
-    each.__name__: each for each in (container, messages, meaning, metadata, results)
+    each.__name__.removesuffix("_messages"): each
+    for each in (container, messages, idl, protobuf, descriptors, json_messages, meaning, metadata, results)
 }
 
 
@@ -119,10 +164,31 @@ def seeds(target: str) -> Iterator[bytes]:
             bytes([number]) + FAMILIES[kind].standards[0].encode()
             for number, (_, kind) in zip(numbers, TOPICS, strict=True)
         )
+    elif target in ("protobuf", "json", "descriptors"):
+        yield from _foxglove_seeds(target)
+    elif target == "idl":
+        yield from (idl_maker.idl(kind).encode() for kind in FAMILIES)
     elif target == "metadata":
         yield b'"wheelbase"3.6 8 [0, 3, 7]'
     else:
         yield _small_results()
+
+
+def _foxglove_seeds(target: str) -> Iterator[bytes]:
+    """One small message of each kind that has parts, or its definition."""
+    fox = foxglove_maker
+    line = fox.message("LinePrimitive", points=fox.points([(0, 0, 0), (1, 0, 0)]), indices=[1, 0])
+    scene = fox.scene(fox.entity("a", cubes=[fox.cube((1, 2, 0), (1, 1, 1))], lines=[line]))
+    grid = fox.grid(logs_maker.yard(4.0, 4.0, 1.0))
+    links = fox.message("FrameTransforms", transforms=[fox.transform("a", "b", (1, 2, 0))])
+    for each in (fox.poses([(1, 2, 0), (2, 2, 0)]), grid, scene, links, fox.joints(hitch=0.1)):
+        kind = bytes([_KINDS.index(each.DESCRIPTOR.full_name)])
+        if target == "protobuf":
+            yield kind + each.SerializeToString()
+        elif target == "json":
+            yield kind + json.dumps(fox.tree(each)).encode()
+        else:
+            yield fox.definition(each)
 
 
 def _small_results() -> bytes:

@@ -1,15 +1,19 @@
-"""Kill `replay optimize` at random times and look at what it leaves: nothing, or whole files.
+"""End `replay optimize` at random times and look at what it leaves: nothing, or whole files.
 
-Usage: python tools/kill_storm.py LOG [--kills N] [--seed N]
+Usage: python tools/kill_storm.py LOG [--kills N] [--signal KILL|TERM|INT|HUP] [--seed N]
 
-Each run writes into the same folder and is killed (SIGKILL) after a random part of the time that a whole run takes.
+Each run writes into the same folder and gets the signal after a random part of the time that a whole run takes.
 After each, every file with a final name is read back: results as `replay audit` reads them, recordings chunk by chunk.
-At the end one run is left alone: it must end well and leave no temporary file behind.
+No process of the run may be left. A run that was told to end (not killed) must say so by its exit status, without a
+traceback, and leave no temporary file. At the end one run is left alone: it must end well, and sweep what is left.
 """
 
 import argparse
+import collections
+import dataclasses
 import pathlib
 import random
+import signal
 import subprocess
 import sys
 import tempfile
@@ -21,50 +25,129 @@ from replay.results import read_results
 
 PASSING = (".tmp", ".run")
 """Ends of the names of files that only last as long as a run."""
+STARTING_S = 0.5
+"""Before it has started, Python itself answers a signal, with another status and perhaps a traceback [s]."""
+WAIT_S = 10.0
+"""Time that a run has to end in after it was told to [s]."""
 _START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Ended:
+    """How one run ended."""
+
+    seconds: float
+    """From its start, or from the signal if there was one."""
+    status: int
+    said: str
+    left: tuple[int, ...] = ()
+    """Processes of the run that go on."""
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("log", type=pathlib.Path)
     parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--signal", default="KILL", choices=["KILL", "TERM", "INT", "HUP"])
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    rng = random.Random(arguments.seed)
+    rng, number = random.Random(arguments.seed), getattr(signal, f"SIG{arguments.signal}")
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
         run(arguments.log, folder)  # compiles, if need be
-        whole = min(run(arguments.log, folder) for _ in range(2))
-        torn, unfinished = [], 0
-        for number in range(arguments.kills):
+        whole = min(run(arguments.log, folder).seconds for _ in range(2))
+        wrong, unfinished, statuses, slowest = [], 0, collections.Counter[int](), 0.0
+        for count in range(arguments.kills):
             for file in folder.iterdir():
                 if file.suffix not in PASSING:
                     file.unlink()
-            run(arguments.log, folder, kill_after=rng.uniform(0.1, 1.1) * whole)
-            torn += [f"kill {number}: {words}" for words in torn_files(folder)]
-            unfinished += any(file.suffix in PASSING for file in folder.iterdir())
+            after = rng.uniform(0.1, 1.1) * whole
+            ended = run(arguments.log, folder, number, after)
+            left = [file.name for file in folder.iterdir() if file.suffix in PASSING]
+            unfinished += bool(left)
+            statuses[ended.status] += 1
+            slowest = max(slowest, ended.seconds)
+            words = [*torn_files(folder), *misbehaviour(ended, number, after, left, folder)]
+            wrong += [f"{arguments.signal} {count} after {after:.2f} s: {each}" for each in words]
         run(arguments.log, folder)
-        left = sorted(file.name for file in folder.iterdir())
-    print("\n".join(torn) or "no torn file")
-    print(f"{arguments.kills} kills within {1.1 * whole:.1f} s; after {unfinished} of them a temporary file was left")
-    print("after a last run, undisturbed:", ", ".join(left))
-    return int(bool(torn) or any(name.endswith(PASSING) for name in left))
+        remaining = sorted(file.name for file in folder.iterdir())
+    print("\n".join(wrong) or "nothing torn, nothing wrong")
+    print(f"{arguments.kills} times SIG{arguments.signal} within {1.1 * whole:.1f} s; ended within {slowest:.2f} s")
+    print("exit statuses:", ", ".join(f"{status} {times} times" for status, times in sorted(statuses.items())))
+    print(f"after {unfinished} of them a temporary file was left")
+    print("after a last run, undisturbed:", ", ".join(remaining))
+    return int(bool(wrong) or any(name.endswith(PASSING) for name in remaining))
 
 
-def run(log: pathlib.Path, folder: pathlib.Path, kill_after: float | None = None) -> float:
-    """One run with the quickest method, its seconds; killed after some, if given."""
+def run(log: pathlib.Path, folder: pathlib.Path, number: int = 0, after: float | None = None) -> Ended:
+    """One run with the quickest method; it gets signal `number` after some seconds, if given."""
     arguments = ["optimize", str(log), "--method", "ddp", "--out", str(folder), "--quiet"]
     started = time.monotonic()
-    process = subprocess.Popen([sys.executable, "-c", _START, *arguments], stdout=subprocess.DEVNULL)
+    with tempfile.TemporaryFile() as said:
+        process = subprocess.Popen([sys.executable, "-c", _START, *arguments], stdout=subprocess.DEVNULL, stderr=said)
+        try:
+            status = process.wait(after)
+        except subprocess.TimeoutExpired:
+            children, started = children_of(process.pid), time.monotonic()
+            process.send_signal(number)
+            status = _ended(process)
+        else:
+            children = []
+            if status != 0:
+                raise SystemExit(f"a run that was not disturbed ended with exit status {status}") from None
+        seconds = time.monotonic() - started
+        said.seek(0)
+        words = said.read().decode(errors="replace")
+    return Ended(seconds=seconds, status=status, said=words, left=still_running(children))
+
+
+def _ended(process: subprocess.Popen[bytes]) -> int:
     try:
-        status = process.wait(kill_after)
+        return process.wait(WAIT_S)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-    else:
-        if status != 0:
-            raise SystemExit(f"a run that was not killed ended with exit status {status}")
-    return time.monotonic() - started
+        return -1000
+
+
+def children_of(pid: int) -> list[int]:
+    try:
+        return [int(word) for word in pathlib.Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except OSError:
+        return []
+
+
+def still_running(pids: list[int]) -> tuple[int, ...]:
+    """Those that run on for more than a second; a zombie does not."""
+    deadline = time.monotonic() + 1.0
+    while found := tuple(pid for pid in pids if _runs(pid)):
+        if time.monotonic() > deadline:
+            return found
+        time.sleep(0.01)
+    return ()
+
+
+def _runs(pid: int) -> bool:
+    try:
+        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def misbehaviour(ended: Ended, number: int, after: float, left: list[str], folder: pathlib.Path) -> list[str]:
+    """What is wrong with how a run ended."""
+    wrong = [f"process {pid} goes on" for pid in ended.left]
+    if ended.status == -1000:
+        wrong.append(f"goes on {WAIT_S:g} s after it was told to end")
+    if ended.status == 0 and len([file for file in folder.iterdir() if file.suffix not in PASSING]) < 2:
+        wrong.append("exit status 0 without both files")
+    if number == signal.SIGKILL or after < STARTING_S:
+        return wrong
+    if ended.status not in (0, 128 + number, -number):
+        wrong.append(f"exit status {ended.status}")
+    if "Traceback" in ended.said:
+        wrong.append(f"a traceback: {ended.said[-300:]!r}")
+    return wrong + [f"left {name}" for name in left]
 
 
 def torn_files(folder: pathlib.Path) -> list[str]:

@@ -1,21 +1,29 @@
 """Run every method over the full corpus and write what came of it: tables, a plot, and the source's claims tested.
 
-Usage: python tools/study.py [--jobs N] [--time-limit S] [--only TEXT] [--rows FILE] [--from-rows FILE]
+In two parts: `methods` runs all methods and chains, and its times mean something on a quiet machine only; `obstacles`
+shows methods scarcer descriptions of the obstacles, and counts successes. With a generous time limit, how busy the
+machine is does not matter there.
 
-Writes recordings/STUDY.md and recordings/study_profiles.svg. `--rows` keeps the measured rows as JSON; `--from-rows`
-writes the report from such a file without measuring again.
+Usage: python tools/study.py [--part methods|obstacles] [--classes A,B] [--only TEXT] [--jobs N] [--time-limit S]
+                             [--rows FILE [--budget S]] [--from-rows FILE]
+
+Writes recordings/STUDY.md and recordings/study_profiles.svg, or recordings/STUDY_OBSTACLES.md. `--rows` keeps the
+measured rows in a file, log by log, and goes on with those that are missing there, if optim, replay and recordings are
+still the same; with `--budget`, no log is begun after so many seconds, and the report is written when none is missing.
+`--from-rows` writes the report from such a file without measuring.
 """
 
 import argparse
 import json
+import math
 import os
 import pathlib
 import platform
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from multiprocessing import get_context
 from typing import Any
 
@@ -28,32 +36,49 @@ from optim.methods.chain import named  # noqa: E402
 from optim.methods.cpo import Cpo  # noqa: E402
 from optim.methods.shortcut import Shortcut  # noqa: E402
 from replay.errors import ReplayError  # noqa: E402
+from replay.files import atomic_write  # noqa: E402
 from replay.kernels import drop_stale  # noqa: E402
 from replay.logs import read_cases  # noqa: E402
 from replay.run import run_case  # noqa: E402
 from replay.worker import Limits, Worker  # noqa: E402
 from tools.corpus.catalogue import FULL, SITES, read_list  # noqa: E402
+from tools.study_descriptions import obstacles_report  # noqa: E402
 from tools.study_report import report  # noqa: E402
+from tools.study_scenes import DESCRIPTIONS, Described  # noqa: E402
 
 RECORDINGS = pathlib.Path(__file__).resolve().parent.parent / "recordings"
 CHAINS = ("shortcut+scp", "ddp+scp", "ddp+nlp", "shortcut+nlp")
+DESCRIBED = ("shortcut", "ddp", "scp")
+"""Methods that are also shown scarcer descriptions of the obstacles; `cpo` has its own, and `nlp`, which takes up to a
+hundred times as long as `ddp`, solves the problem that `scp` does."""
 Row = dict[str, Any]
+Document = dict[str, Any]
 
 
-def variants() -> dict[str, Method]:
-    """What is run on every log: the methods, chains of them, and what the claims need beside."""
+def variants(part: str, shown_to: Sequence[str] = DESCRIBED) -> dict[str, Method]:
+    """What is run on a log: the methods, chains of them and what the claims need beside; or the described ones."""
+    if part == "obstacles":
+        shown = {
+            f"{name} by {description}": Described(method=METHODS[name], description=description)
+            for name in shown_to
+            for description in DESCRIPTIONS
+        }
+        return {name: METHODS[name] for name in (*shown_to, "cpo")} | {"cpo points": Cpo(obstacles="points")} | shown
     chained = {name: named(name, METHODS) for name in CHAINS}
-    beside = {"cpo points": Cpo(obstacles="points"), "shortcut by trailer length": Shortcut(cost="trailer_length")}
-    return dict(METHODS) | chained | beside
+    return dict(METHODS) | chained | {"shortcut by trailer length": Shortcut(cost="trailer_length")}
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--part", choices=("methods", "obstacles"), default="methods", help="default: %(default)s")
+    parser.add_argument("--methods", default=",".join(DESCRIBED), help="of part obstacles (default: %(default)s)")
+    parser.add_argument("--classes", default="", help="of logs, joined by commas (default: all)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
     parser.add_argument(
         "--time-limit", type=float, default=60.0, help="of a method on a log [s] (default: %(default)s)"
     )
     parser.add_argument("--only", default="", help="logs whose name contains this")
+    parser.add_argument("--budget", type=float, default=math.inf, help="begin no log after so many seconds")
     parser.add_argument("--rows", type=pathlib.Path, help="keep the measured rows in this file")
     parser.add_argument("--from-rows", type=pathlib.Path, help="take the rows from this file")
     options = parser.parse_args()
@@ -61,48 +86,88 @@ def main() -> int:
         document = json.loads(options.from_rows.read_text())
     else:
         drop_stale()
-        document = {"head": _head(options), "rows": list(measure(options))}
-        if options.rows:
-            options.rows.write_text(json.dumps(document))
+        document = _begun(options)
+        missing = measure(document, options)
+        if missing:
+            print(f"{missing} logs are still to be measured", file=sys.stderr)
+            return 0
+    if options.part == "obstacles":
+        (RECORDINGS / "STUDY_OBSTACLES.md").write_text(obstacles_report(document), encoding="utf-8")
+        return 0
     text, figure = report(document)
     (RECORDINGS / "STUDY.md").write_text(text, encoding="utf-8")
     (RECORDINGS / "study_profiles.svg").write_text(figure, encoding="utf-8")
     return 0
 
 
-def measure(options: argparse.Namespace) -> Iterator[Row]:
-    """A row for each log and variant."""
+def _begun(options: argparse.Namespace) -> Document:
+    """What has been measured already, or nothing. Raises SystemExit where that was of other code or options."""
+    head = _head(options)
+    if not options.rows or not options.rows.exists():
+        return {"head": head, "rows": []}
+    document = json.loads(options.rows.read_text())
+    changed = [key for key in head if key != "commit" and document["head"].get(key) != head[key]]
+    if changed:
+        raise SystemExit(f"{options.rows} was measured with another {', '.join(changed)}; give another file")
+    return document
+
+
+def measure(document: Document, options: argparse.Namespace) -> int:
+    """Add rows for each log and variant, log by log; how many logs are left when the budget is spent."""
+    listed = read_list(RECORDINGS) | read_list(RECORDINGS / "full")
+    done = {row["log"] for row in document["rows"]}
+    kinds = options.classes.split(",") if options.classes else {entry["class"] for entry in listed.values()}
+    chosen = [pair for pair in _logs() if options.only in pair[0] and listed[pair[0]]["class"] in kinds]
+    waiting = [pair for pair in chosen if pair[0] not in done][::-1]
+    variants_asked = variants(options.part, options.methods.split(","))
+    begun, running = time.monotonic(), {}
+    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+        while waiting or running:
+            while waiting and len(running) < options.jobs and time.monotonic() - begun < options.budget:
+                name, path = waiting.pop()
+                running[pool.submit(_measure, name, path, variants_asked, options.time_limit)] = name
+            if not running:
+                break
+            for task in wait(running, return_when=FIRST_COMPLETED).done:
+                name = running.pop(task)
+                entry = {key: listed[name][key] for key in ("class", "map")}
+                document["rows"] += [row | entry for row in task.result()]
+                print(f"{name} {time.monotonic() - begun:.0f} s, {len(waiting)} wait", file=sys.stderr, flush=True)
+                if options.rows:
+                    with atomic_write(options.rows) as temporary:
+                        temporary.write_text(json.dumps(document))
+    return len(waiting)
+
+
+def _logs() -> list[tuple[str, pathlib.Path]]:
+    """All logs but the odd ones, a few of each class before more of any."""
     logs = [(name, RECORDINGS / f"{name}.mcap") for name in SITES]
     logs += [(name, RECORDINGS / "full" / f"{name}.mcap") for name in FULL if not name.startswith("odd_")]
-    logs = [pair for pair in logs if options.only in pair[0]]
-    listed = read_list(RECORDINGS) | read_list(RECORDINGS / "full")
-    begun = time.monotonic()
-    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        tasks = [pool.submit(_measure, name, path, options.time_limit) for name, path in logs]
-        for number, (task, (name, _)) in enumerate(zip(tasks, logs, strict=True), start=1):
-            print(f"{number}/{len(logs)} {name} {time.monotonic() - begun:.0f} s", file=sys.stderr, flush=True)
-            entry = listed[name]
-            yield from (row | {"class": entry["class"], "map": entry["map"]} for row in task.result())
+    return sorted(logs, key=lambda pair: (pair[0].rpartition("_")[2], pair[0]))
 
 
-def _measure(name: str, path: pathlib.Path, time_limit: float) -> list[Row]:
+def _measure(name: str, path: pathlib.Path, methods: dict[str, Method], time_limit: float) -> list[Row]:
     try:
         case = read_cases(path)[0]
     except ReplayError as error:
         return [{"log": name, "method": "recorded", "status": "unreadable", "reason": str(error)}]
     with Worker(Limits(time_s=time_limit, memory_mib=4096)) as worker:
-        run = run_case(case, variants(), solve=worker)
+        run = run_case(case, methods, solve=worker)
     recorded = {"log": name, "method": "recorded", "status": "recorded", "feasible": run.recorded_audit["passed"]}
     rows = [recorded | {"metrics": run.recorded_metrics}]
     for each in run.methods:
         row = {"log": name, "method": each.name, "status": each.status, "stop": each.stop, "reason": each.reason}
-        rows.append(row | {"metrics": each.metrics, "wall_s": each.wall_s, "iterations": each.iterations})
+        rows.append(row | {"metrics": each.metrics, "wall_s": each.wall_s, "rejected": each.rejected is not None})
     return rows
 
 
 def _head(options: argparse.Namespace) -> dict[str, Any]:
     """Where and with what the figures were measured."""
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=RECORDINGS)
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(["git", *arguments], capture_output=True, text=True, cwd=RECORDINGS)
+        return done.stdout.strip() or "unknown"
+
     import casadi
     import clarabel
     import cvxpy
@@ -112,9 +177,12 @@ def _head(options: argparse.Namespace) -> dict[str, Any]:
 
     modules = {module.__name__: module.__version__ for module in (np, scipy, numba, casadi, cvxpy, clarabel)}
     return {
-        "commit": commit.stdout.strip() or "unknown",
+        "commit": git("rev-parse", "--short", "HEAD"),
+        "code": [git("rev-parse", f"HEAD:{folder}") for folder in ("optim", "replay", "recordings/full")],
         "machine": f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}",
         "versions": modules,
+        "part": options.part,
+        "methods": options.methods,
         "jobs": options.jobs,
         "time_limit": options.time_limit,
     }

@@ -1,4 +1,4 @@
-"""The command line: `replay optimize | info | methods | audit | report | view`.
+"""The command line: `replay optimize | info | methods | compare | audit | regress | report | view`.
 
 This module stays light: a command's module, and with it numpy, numba and Rerun, is imported when the command is
 called, so that `replay --help` answers at once. Each command is a thin shell over library functions.
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError, MissingArgumentError, UnknownCommandError
 
+from replay.cli.signals import like_ctrl_c
 from replay.cli.usage import ExitStatus, example, unknown
 from replay.errors import OutputLost, ReplayError
 from replay.kernels import drop_stale
@@ -18,22 +19,32 @@ COMMANDS = {
     "optimize": "Improve the recorded paths of logs; write a Rerun recording and a results file for each.",
     "info": "Show what was understood of logs: channels, map, path, vehicle, notes.",
     "methods": "List the methods and their options.",
+    "compare": "Show two runs of one request, or two methods of one run, side by side.",
     "audit": "Repeat the independent check of results files, from these files alone.",
+    "regress": "Run every log of a corpus with every method, compare with a baseline, write reports.",
     "report": "Make the reports of a regression run again from its files.",
     "view": "Serve the recordings of a run as one Rerun dataset, on this machine alone.",
 }
 """The commands and their line in the help; each is the function of its own name in `replay.cli.<name>`."""
 
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+_THREAD_VARIABLES = (
+    *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"),
+    *("NUMEXPR_NUM_THREADS", "NUMBA_NUM_THREADS", "RAYON_NUM_THREADS"),
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command, by default the process's own; returns the exit status (see `ExitStatus`)."""
     tokens = list(sys.argv[1:] if arguments is None else arguments)
-    use_one_thread()
-    if tokens and tokens[0] in COMMANDS:
-        drop_stale()
+    with like_ctrl_c() as ending:
+        return ending.status(_run(tokens))
+
+
+def _run(tokens: list[str]) -> int:
     try:
+        use_one_thread()
+        if tokens and tokens[0] in COMMANDS:
+            drop_stale()
         status = make_app()(tokens, exit_on_error=False, print_error=False, result_action="return_value")
     except UnknownCommandError:  # its own text would import every command to name them
         _explain(unknown("command", tokens[0], COMMANDS), tokens)
@@ -89,12 +100,12 @@ def _version() -> str:
 
 
 def use_one_thread() -> None:
-    """Keep numerical libraries from starting threads: the arrays are small, threads only cost time.
+    """Keep numerical libraries from starting threads, whatever the environment says.
 
-    Takes effect because no command has loaded numpy yet; values that the user has set stay.
+    With other numbers of threads sums are taken in another order, and results differ in their last bits; the arrays
+    are small, so threads would only cost time. Takes effect because no command has loaded numpy yet.
     """
-    for name in _THREAD_VARIABLES:
-        os.environ.setdefault(name, "1")
+    os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
 
 
 def _drop_output() -> None:

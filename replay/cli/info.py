@@ -12,11 +12,21 @@ from replay.cli.console import Common, Voice
 from replay.cli.reading import Reading, read_options
 from replay.cli.usage import ExitStatus
 from replay.errors import ReplayError, printable
-from replay.logs import ReadOptions, read_cases
-from replay.logs.container import scan
+from replay.logs import ReadOptions
+from replay.logs.assemble import cases_of
+from replay.logs.folder import open_log
 from replay.logs.records import Log
+from replay.logs.topics import is_wanted
+from replay.logs.understood import uses
 from replay.results import scene_to_document
 from replay.tables import channels_table, facts_table, gear_changes
+
+_HITCH = {
+    "trailer path": "from the trailer's path",
+    "joint": "from a joint's state",
+    "transform": "from a transform",
+    "reconstructed": "reconstructed by integration",
+}
 
 
 def info(
@@ -31,7 +41,7 @@ def info(
     Parameters
     ----------
     logs
-        MCAP files.
+        MCAP files, or folders that rosbag2 recorded.
     """
     voice = Voice(common or Common())
     options = read_options(reading)
@@ -51,10 +61,10 @@ def _describe(voice: Voice, path: pathlib.Path, options: ReadOptions) -> dict[st
     """Show one log, as far as it can be read, and give the same as plain data."""
     document: dict[str, Any] = {"log": str(path), "error": None, "lost": False, "channels": [], "cases": []}
     try:
-        log = scan(path, lambda _: False)
+        log = open_log(path, is_wanted)
         document |= {"sha256": log.sha256, "lost": log.lost, "channels": _channels(log)}
         voice.show(f"{printable(path)}: {log.size} bytes, sha256 {log.sha256}", channels_table(document["channels"]))
-        for case in read_cases(path, options):
+        for case in cases_of(log, options):
             document["cases"].append(_case_document(case))
             document["lost"] |= case.read.lost
             voice.show(facts_table(_facts(case)), "")
@@ -70,9 +80,12 @@ def _channels(log: Log) -> list[dict[str, Any]]:
             "topic": channel.topic,
             "schema": channel.schema.name if channel.schema else None,
             "encoding": channel.encoding,
+            "definition": channel.schema.encoding if channel.schema else None,
             "messages": log.counts.get(channel.id, 0),
+            "read_as": use.role,
+            "understood": use.text,
         }
-        for channel in log.channels
+        for channel, use in zip(log.channels, uses(log), strict=True)
     ]
 
 
@@ -81,8 +94,9 @@ def _facts(case: Case) -> dict[str, str]:
     problem, read = case.problem, case.read
     path, scene = problem.recorded, problem.scene
     gears = ", ".join(f"{'forward' if part.direction > 0 else 'reverse'} {part.length:.1f} m" for part in path.segments)
-    hitch = {"trailer path": "from the trailer's path", "reconstructed": "reconstructed by integration"}[read.hitch]
-    deviation = f"{read.max_deviation_m * 1e3:.1f} mm and {math.degrees(read.max_deviation_rad):.2f}°"
+    hitch = _HITCH[read.hitch]
+    most = f"{read.max_deviation_m * 1e3:.1f} mm and {math.degrees(read.max_deviation_rad):.2f}°"
+    rms = f"{read.rms_deviation_m * 1e3:.1f} mm and {math.degrees(read.rms_deviation_rad):.2f}°"
     facts = {
         "case": case.name,
         "frame": case.frame,
@@ -90,7 +104,7 @@ def _facts(case: Case) -> dict[str, str]:
         "path": f"{read.poses} poses, {path.length:.2f} m, {gear_changes(path.num_cusps)}: {gears}",
         "start, goal": f"{_state(path.start)}; {_state(path.goal)}",
         "hitch angle": hitch,
-        "deviation": f"at most {deviation} from the logged poses",
+        "deviation": f"at most {most} from the logged poses, RMS {rms}",
         "clearance": f"{problem.recorded_clearance:.3f} m; results must keep {problem.required_clearance:.3f} m",
         "vehicle": ", ".join(f"{name} {value:g}" for name, value in dataclasses.asdict(problem.vehicle).items()),
     }

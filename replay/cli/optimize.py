@@ -1,8 +1,9 @@
 """`replay optimize`: read logs, run methods, write recordings and results, show the comparison."""
 
+import dataclasses
 import pathlib
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from cyclopts import Group, Parameter
 
@@ -17,6 +18,7 @@ from replay.cli.settings import (
     WEIGHTS,
     Layer,
     RunOptions,
+    Settings,
     layer_of_assignments,
     layer_of_file,
     layer_of_flags,
@@ -24,6 +26,7 @@ from replay.cli.settings import (
     settled,
 )
 from replay.cli.usage import example
+from replay.live import LiveView, NoViewer, open_viewer
 from replay.results import read_results
 
 if TYPE_CHECKING:
@@ -33,7 +36,12 @@ if TYPE_CHECKING:
 else:
     MethodFlags = flags_of(METHODS, "Options of {name}")
     WeightFlags = flags_of({WEIGHTS: Weights()}, "Weights of the objective J")
-    RunFlags = flag_class(options_of(RunOptions()), Group("The run", sort_key=4))
+    # names for the help and for completion; a chain is any text
+    _NAMES = tuple[Literal[tuple(METHODS)] | str, ...] | None
+    RunFlags = flag_class(
+        [dataclasses.replace(o, hint=_NAMES) if o.name == "method" else o for o in options_of(RunOptions())],
+        Group("The run", sort_key=4),
+    )
 
 _FLAT = Parameter(name="*")
 _List = Annotated[list[str] | None, Parameter(negative=())]
@@ -44,6 +52,9 @@ def optimize(
     /,
     *,
     out: pathlib.Path = pathlib.Path(),
+    export: Annotated[bool, Parameter(negative=())] = False,
+    view: Annotated[bool, Parameter(negative=())] = False,
+    viewer: str | None = None,
     config: pathlib.Path | None = None,
     set_: Annotated[_List, Parameter(name="--set")] = None,
     from_: Annotated[pathlib.Path | None, Parameter(name="--from")] = None,
@@ -60,10 +71,17 @@ def optimize(
     Parameters
     ----------
     logs
-        MCAP files.
+        MCAP files, or folders that rosbag2 recorded.
     out
         Folder for the files, made if it is missing: STEM.rrd and STEM.results.json for each log. STEM is the log's
         name; where a log holds several requests, their numbers follow it (STEM-0, STEM-1).
+    export
+        Write STEM.optimised.mcap too: a copy of the log with each method's paths added as nav_msgs/msg/Path, on
+        /replay/METHOD/path (truck) and /replay/METHOD/trailer_path.
+    view
+        Show the run in a Rerun viewer while it goes on, beside the files. Where none can be opened, the run goes on.
+    viewer
+        Address of a running viewer to show it in, such as rerun+http://127.0.0.1:9876/proxy.
     config
         TOML file with options: a table for each method, [weights] and [reading]; method, seed, recording, time_limit
         and memory_limit stand outside of tables.
@@ -85,19 +103,34 @@ def optimize(
     if not inputs:
         raise UsageError(f"expected one or more logs, as in `{example('optimize')}`, or --from RESULTS")
     settings = settled(layers)
+    voice = Voice(common or Common())
+    outputs = Outputs(out, inputs, [from_] if from_ else [])
     session = Session(
-        voice=Voice(common or Common()),
+        voice=voice,
         methods=settings.methods,
         read=settings.read,
         weights=settings.weights,
         seed=settings.run.seed,
-        outputs=Outputs(out, inputs, [from_] if from_ else []),
+        export=export,
+        outputs=outputs,
+        live=_live(voice, view, viewer, settings),
         recording=settings.run.recording,
         limits=settings.run.limits,
         origin=origin,
         settings=settings.to_dict(),
     )
     return session.run(inputs)
+
+
+def _live(voice: Voice, view: bool, viewer: str | None, settings: Settings) -> LiveView | None:
+    """What shows the run while it goes on, if that is asked for and there is a viewer."""
+    if not (view or viewer):
+        return None
+    try:
+        return LiveView(open_viewer(viewer), settings.methods, voice.error)
+    except NoViewer as error:
+        voice.error(f"{error}; the run goes on without it")
+        return None
 
 
 def _same_log(logs: list[pathlib.Path], document: Mapping[str, Any], source: pathlib.Path) -> pathlib.Path:

@@ -47,8 +47,16 @@ class Outputs:
         if stem in self._taken:
             raise UsageError(f"{case.name}: {stem}.* is already written for another log: give them one --out each")
         self._taken.add(stem)
-        names = Names(results=self.folder / f"{stem}.results.json", recording=self.folder / f"{stem}.rrd")
-        for path in (names.results, names.recording):
+        self._refuse_input(case.name, self.folder / f"{stem}.results.json", self.folder / f"{stem}.rrd")
+        return Names(results=self.folder / f"{stem}.results.json", recording=self.folder / f"{stem}.rrd")
+
+    def export(self, log: pathlib.Path) -> pathlib.Path:
+        """The copy of a log with the paths of all of its cases."""
+        path = self.folder / f"{log.stem}.optimised.mcap"
+        self._refuse_input(str(log), path)
+        return path
+
+    def _refuse_input(self, what: str, *paths: pathlib.Path) -> None:
+        for path in paths:
             if path.resolve() in self._inputs:
-                raise UsageError(f"{case.name}: {path} is an input and will not be overwritten: choose another --out")
-        return names
+                raise UsageError(f"{what}: {path} is an input and will not be overwritten: choose another --out")

@@ -54,7 +54,7 @@ def report(
     for line in made.run.damaged:
         voice.error(f"left out: {line}")
     if not made.run.complete:
-        voice.note("the run is unfinished: `replay regress --resume` does the rest")
+        voice.note("the run is unfinished: the same `replay regress` with --resume does the rest")
     files = [str(path) for path in made.files]
     voice.document({"schema": "replay.report/1", "exit_status": int(status), "files": files, "summary": made.summary})
     return status

@@ -9,12 +9,15 @@ from typing import Any
 
 from optim.methods import Method
 from optim.objective import Weights
+from optim.result import Iterate
 from replay.case import Case
 from replay.cli.console import Voice
 from replay.cli.outputs import Names, Outputs
 from replay.cli.usage import ExitStatus
 from replay.errors import LogError, OutputLost, ReplayError
+from replay.export import write_export
 from replay.files import reserved
+from replay.live import LiveView
 from replay.logs import ReadOptions, read_cases
 from replay.progress import Progress
 from replay.results import to_document, tool, write_results
@@ -37,6 +40,8 @@ class LogEntry:
     """A method or an audit failed, or a file could not be written."""
     cases: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     """One for each case that was run, for the JSON document."""
+    files: list[str] = dataclasses.field(default_factory=list)
+    """What was written of the log as a whole."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -90,6 +95,10 @@ class Session:
     seed: int
     outputs: Outputs
     recording: bool
+    live: LiveView | None = None
+    """Shows the run while it goes on."""
+    export: bool = False
+    """Write the paths into a copy of each log."""
     limits: Limits = NO_LIMITS
     origin: Origin | None = None
     settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -119,6 +128,16 @@ class Session:
         with self._progress(position) as progress:
             progress.show(log.name, "reading")
             cases = read_cases(log, self.read)
+        finished: list[Run] = []
+        try:
+            self._run_cases(cases, entry, solver, position, finished)
+        finally:  # after Ctrl-C too: what was finished is kept
+            if self.export and finished:
+                self._write_export(log, entry, finished, position)
+
+    def _run_cases(
+        self, cases: Sequence[Case], entry: LogEntry, solver: Solve, position: str, finished: list[Run]
+    ) -> None:
         for case in self._wanted(cases):
             entry.lost |= case.read.lost
             names = self.outputs.names(case, len(cases))
@@ -126,7 +145,7 @@ class Session:
                 self.voice.note(f"{case.name}: {note}")
             weighted = dataclasses.replace(case.problem, weights=self.weights)
             with reserved(names.results):
-                self._run_case(dataclasses.replace(case, problem=weighted), names, entry, solver, position)
+                self._run_case(dataclasses.replace(case, problem=weighted), names, entry, solver, position, finished)
 
     def _wanted(self, cases: Sequence[Case]) -> Sequence[Case]:
         if self.origin is None:
@@ -136,15 +155,35 @@ class Session:
             self.voice.note(f"{self.origin.source}: {line}; numbers may differ")
         return chosen
 
-    def _run_case(self, case: Case, names: Names, entry: LogEntry, solver: Solve, position: str) -> None:
+    def _write_export(self, log: pathlib.Path, entry: LogEntry, runs: Sequence[Run], position: str) -> None:
+        """Write the paths of all cases into a copy of their log."""
+        with self._failures_kept(entry, writing=True), self._progress(position) as progress:
+            target = self.outputs.export(log)
+            progress.show(log.name, f"writing {target.name}")
+            write_export(runs, target)
+            entry.files.append(str(target))
+            self.voice.show(f"wrote {target}", "")
+
+    def _run_case(
+        self, case: Case, names: Names, entry: LogEntry, solver: Solve, position: str, finished: list[Run]
+    ) -> None:
         interruption = None
+        live = self.live
         with self._progress(position) as progress:
             progress.show(case.name, "measuring the recorded path")
+            if live is not None:
+                live.begin(case)
+
+            def tell(name: str, iterate: Iterate) -> None:
+                progress.iterate(iterate)
+                if live is not None:
+                    live.iterate(name, iterate)
+
             try:
                 run = run_case(
                     case,
                     self.methods,
-                    on_iterate=lambda _, iterate: progress.iterate(iterate),
+                    on_iterate=tell,
                     on_start=lambda name: progress.show(f"{case.name} {name}", "starting"),
                     seed=self.seed,
                     solve=solver,
@@ -152,7 +191,12 @@ class Session:
             except Interrupted as interrupted:
                 run, interruption = interrupted.run, interrupted
         if run.methods:
+            finished.append(run)
             self._finish_case(run, names, entry, position)
+        if live is not None:
+            if run.methods:
+                live.finish(run)
+            live.end()
         if interruption is not None:
             raise interruption
 

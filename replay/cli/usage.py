@@ -17,7 +17,7 @@ class ExitStatus(enum.IntEnum):
     PARTIAL = 3
     """Done, but part of an input was lost, or some of several inputs could not be read."""
     INTERRUPTED = 130
-    """Stopped by Ctrl-C; what was finished is kept."""
+    """Stopped by Ctrl-C; what was finished is kept. Stopped by SIGTERM or SIGHUP it is 143 or 129 (`cli.signals`)."""
 
 
 def unknown(kind: str, word: str, choices: Iterable[str], where: str = "") -> str:
@@ -35,6 +35,7 @@ _EXAMPLES = {
     "audit": "replay audit out/bay_01.results.json",
     "report": "replay report runs/tonight",
     "view": "replay view out",
+    "regress": "replay regress recordings",
     "compare": "replay compare before/bay_01.results.json after/bay_01.results.json",
 }
 

@@ -3,27 +3,30 @@
 import dataclasses
 import os
 from dataclasses import dataclass
-from pathlib import Path as FilePath
 
 import numpy as np
 
 from optim.arrays import Array, frozen
-from optim.fit import Fit, fit_path
+from optim.fit import Fit
 from optim.path import LENGTH_TOLERANCE
 from optim.problem import Problem
 from optim.vehicle import Vehicle
 from replay.case import Case, ReadReport
 from replay.errors import LogError, printable
-from replay.logs.checks import check_ends, check_fit, check_recorded, deviation
-from replay.logs.container import scan
-from replay.logs.maps import LogMap, Maps, frame_name
+from replay.logs.checks import check_ends, check_fit, check_recorded, deviation, hitch_notes
+from replay.logs.content import PoseSeries
+from replay.logs.folder import open_log
+from replay.logs.frames import Frames, frame_name, in_frame
+from replay.logs.hitch import Angles, Hitch, combined, sources
+from replay.logs.maps import LogMap, Maps
 from replay.logs.options import ReadOptions
 from replay.logs.pairing import TOLERANCE, hitch_angles, hitch_misfit, trailer_at_poses
 from replay.logs.planar import Refusal
 from replay.logs.poses import RecordedPoses, kept_indices, recorded_poses, to_plane
 from replay.logs.records import Log
+from replay.logs.repair import repaired
 from replay.logs.roles import truck_and_trailer
-from replay.logs.ros2 import PoseSeries
+from replay.logs.stated import at_rear_axle, reference_offset, start_direction, steer_notes, with_stated_gears
 from replay.logs.topics import Topic, choose_map, choose_paths, is_wanted, refused, topics_of
 from replay.logs.vehicle import nodes_of, vehicle_of
 
@@ -35,8 +38,11 @@ def read_cases(path: str | os.PathLike[str], options: ReadOptions | None = None)
         LogError: the log cannot be read, leaves open what is meant, or none of its requests can be used. A request
             that cannot be used beside others that can is named in their notes, and `read.lost` is set.
     """
-    options = options or ReadOptions()
-    log = scan(FilePath(path), is_wanted)
+    return cases_of(open_log(path, is_wanted), options or ReadOptions())
+
+
+def cases_of(log: Log, options: ReadOptions) -> list[Case]:
+    """`read_cases` for a log that was scanned already. Raises LogError."""
     topics = topics_of(log)
     map_topic = choose_map(log, topics, options.map_topic)
     trucks, trailers = choose_paths(log, topics, options.path_topic, options.trailer_topic)
@@ -44,16 +50,18 @@ def read_cases(path: str | os.PathLike[str], options: ReadOptions | None = None)
         vehicle, notes = (options.vehicle, []) if options.vehicle else vehicle_of(log.metadata)
     except Refusal as error:
         raise LogError(error.code, log.path, str(error)) from None
-    maps = Maps(map_topic, options)
+    frames = Frames(topics)
+    maps = Maps(map_topic, options, frames)
     truck, trailer = truck_and_trailer(
         trucks,
         trailers,
         vehicle,
         truck_chosen=options.path_topic is not None,
         trailer_chosen=options.trailer_topic is not None,
+        offset=reference_offset(vehicle, options),
+        frames=frames,
     )
-    reader = _Reader(log, options, vehicle, maps, truck, trailer, (*log.warnings, *notes))
-    return reader.cases()
+    return _Reader(log, topics, options, vehicle, maps, truck, trailer, (*log.warnings, *notes)).cases()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -72,6 +80,7 @@ class _Reader:
     def __init__(
         self,
         log: Log,
+        topics: list[Topic],
         options: ReadOptions,
         vehicle: Vehicle,
         maps: Maps,
@@ -81,26 +90,33 @@ class _Reader:
     ) -> None:
         self.log, self.options, self.vehicle, self.maps = log, options, vehicle, maps
         self.truck, self.trailer, self.notes = truck, trailer, notes
+        self.topics, self.frames = topics, maps.frames
+        self._angles: dict[str, tuple[list[Angles], list[str]]] = {}
+        """Sources of hitch angles beside paths, and notes, by the frame of the path."""
 
     def cases(self) -> list[Case]:
-        """All requests that can be used."""
+        """All requests that can be used, or the one that the options choose."""
         cases: list[Case] = []
         errors: list[LogError] = []
         seen: set[tuple[object, ...]] = set()
-        repeated = 0
+        chosen, number = self.options.case, 0
         for index in range(len(self.truck.messages)):
             try:
                 request = self._request(index)
                 identity = self._identity(request)
                 if identity in seen:
-                    repeated += 1
                     continue
                 seen.add(identity)
-                cases.append(self._case(request, number=len(cases) + len(errors)))
+                if chosen in (None, number):
+                    cases.append(self._case(request, number))
             except LogError as error:
-                errors.append(error)
+                errors += [error] if chosen in (None, number) else []
+            number += 1
+        if not cases and not errors:
+            raise LogError("E_NO_TOPIC", self.log.path, f"--case {chosen}: it holds {number} requests, from 0 on")
         if not cases:
             raise errors[0]
+        repeated = len(self.truck.messages) - number
         notes = [f"{repeated} path messages repeat an earlier one and are no requests of their own"] if repeated else []
         notes += [f"a request could not be used: {error.message}" for error in errors[:5]]
         lost = self.log.lost or bool(errors)
@@ -136,11 +152,15 @@ class _Reader:
             refused(self.truck, request.index, error)
 
     def _understood(self, request: _Request, number: int, log_map: LogMap, notes: list[str]) -> Case:
-        frame = _common_frame(request, log_map, self.maps.topic)
+        request, frame, frame_notes = self._in_one_frame(request, log_map)
         plane, planar_notes = to_plane(request.series, log_map.centre)
-        recorded = recorded_poses(plane, self.options.start_direction)
-        alpha = self._hitch(request, plane, recorded, log_map.centre)
-        fit = self._fit(recorded, alpha)
+        plane = at_rear_axle(plane, reference_offset(self.vehicle, self.options))
+        recorded = recorded_poses(plane, start_direction(request.series, self.options))
+        recorded = with_stated_gears(recorded, request.series)
+        hitch = self._hitch(request, plane, recorded, log_map.centre)
+        alpha = hitch.alpha
+        fit, repairs = repaired(self.vehicle, log_map.scene, recorded, alpha, hitch.initial)
+        check_fit(recorded, fit)
         log_map.check_under(self.vehicle, _states(fit))
         nodes, node_notes = self._nodes(recorded, fit)
         problem = Problem(
@@ -152,43 +172,60 @@ class _Reader:
         )
         check_ends(problem, log_map.hint, alpha is None)
         checks = check_recorded(problem, recorded, fit, alpha, log_map.hint)
-        all_notes = (*notes, *log_map.notes, *planar_notes, *recorded.notes, *node_notes, *checks)
-        off, turned = deviation(plane, recorded, fit)
+        checks += steer_notes(recorded, fit, request.series)
+        checks += hitch_notes(problem, recorded, fit) if alpha is None else []
+        before = (*notes, *log_map.notes, *frame_notes, *planar_notes, *recorded.notes, *hitch.notes)
+        off = deviation(plane, recorded, fit)
         read = ReadReport(
             poses=len(plane),
-            hitch="reconstructed" if alpha is None else "trailer path",
-            max_deviation_m=off,
-            max_deviation_rad=turned,
-            notes=all_notes,
+            hitch=hitch.source,
+            max_deviation_m=off.largest,
+            max_deviation_rad=off.largest_turn,
+            rms_deviation_m=off.rms,
+            rms_deviation_rad=off.rms_turn,
+            goal_hitch_sigma=fit.goal_hitch_sigma if alpha is None and not recorded.is_exact else 0.0,
+            notes=(*before, *node_notes, *repairs, *checks),
         )
         return Case(
-            name=f"{self.log.path.stem}/{number}",
+            name=f"{self.log.stem}/{number}",
             log=self.log.path,
             sha256=self.log.sha256,
             problem=problem,
             read=read,
             map=log_map.image,
             frame=frame,
+            time_ns=request.log_time,
         )
 
-    def _fit(self, recorded: RecordedPoses, alpha: Array | None) -> Fit:
-        """The drivable path through the poses. Raises Refusal (E_KINEMATICS)."""
-        try:
-            with np.errstate(all="ignore"):
-                fit = fit_path(self.vehicle, recorded.poses, recorded.direction, alpha, self.options.initial_hitch)
-        except (ValueError, ArithmeticError, RuntimeError) as error:  # singular systems, values out of any range
-            raise Refusal("E_KINEMATICS", f"no drivable path was found near its poses ({error})") from None
-        check_fit(fit)
-        return fit
+    def _in_one_frame(self, request: _Request, log_map: LogMap) -> tuple[_Request, str, list[str]]:
+        """The request in the frame of the map, that frame, and notes. Raises Refusal (E_FRAME)."""
+        frame = frame_name(request.series.header.frame) if log_map.headless else log_map.scene.frame
+        where = f"map topic {printable(self.maps.topic.name, 60)!r}"
+        series, notes = in_frame(request.series, frame, where, self.frames)
+        trailer = request.trailer
+        if trailer is not None:
+            trailer, _ = in_frame(trailer, frame, where, self.frames)
+        return dataclasses.replace(request, series=series, trailer=trailer), frame, notes
 
-    def _hitch(self, request: _Request, plane: Array, recorded: RecordedPoses, centre: Array) -> Array | None:
+    def _hitch(self, request: _Request, plane: Array, recorded: RecordedPoses, centre: Array) -> Hitch:
+        """Hitch angles at the kept poses, from the best source that there is."""
+        alpha = self._from_trailer(request, plane, recorded, centre)
+        frame = frame_name(request.series.header.frame)
+        if frame not in self._angles:
+            self._angles[frame] = sources(self.topics, self.frames, frame, self.options)
+        others, notes = self._angles[frame]
+        initial = self.options.initial_hitch
+        hitch = combined(alpha, others, recorded, request.series, request.log_time, initial)
+        return hitch._replace(notes=[*notes, *hitch.notes])
+
+    def _from_trailer(self, request: _Request, plane: Array, recorded: RecordedPoses, centre: Array) -> Array | None:
         """Hitch angles at the kept poses, shape (n,), or None without a trailer path."""
         if request.trailer is None:
             return None
         assert self.trailer is not None, "a request has a trailer's path only where the log has its topic"
         trailer, _ = to_plane(request.trailer, centre)
         length = self.vehicle.hitch_to_axle
-        at = trailer_at_poses(plane, request.series, trailer, request.trailer, length)[recorded.kept]
+        at = recorded.averaged(trailer_at_poses(plane, request.series, trailer, request.trailer, length))
         misfit = float(np.median(hitch_misfit(recorded.poses, at, length)))
         if misfit > TOLERANCE:
             text = (
@@ -217,19 +254,3 @@ def _states(fit: Fit) -> Array:
     samples = fit.path.samples
     rows = np.searchsorted(samples.s, fit.pose_s - LENGTH_TOLERANCE)
     return samples.states[np.minimum(rows, len(samples.s) - 1)]
-
-
-def _common_frame(request: _Request, log_map: LogMap, map_topic: Topic) -> str:
-    """The frame of map and path. Raises Refusal (E_FRAME) unless there is one."""
-    expected = log_map.scene.frame
-    named = {request.series.header.frame, *(request.series.frames - {""})}
-    if request.trailer is not None:
-        named |= {request.trailer.header.frame, *(request.trailer.frames - {""})}
-    others = sorted({frame_name(frame) for frame in named} - {expected})
-    where = f"map topic {printable(map_topic.name, 60)!r}"
-    if others:
-        text = f"it is in frame {printable(others[0], 60)!r} and {where} in {printable(expected, 60)!r}"
-        raise Refusal("E_FRAME", f"{text}, expected one frame for both")
-    if not expected:
-        raise Refusal("E_FRAME", f"neither it nor {where} names its frame (frame_id is empty)")
-    return expected

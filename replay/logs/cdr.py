@@ -8,13 +8,15 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
+from replay.logs.content import PayloadError
+
 HEADER_SIZE = 4
 _KINDS = {0: "big-endian CDR", 2: "big-endian PL_CDR", 3: "PL_CDR", 6: "big-endian XCDR2", 7: "XCDR2"}
 _U32 = struct.Struct("<I")
 _I32 = struct.Struct("<i")
 
 
-class CdrError(ValueError):
+class CdrError(PayloadError):
     """A payload that does not fit its layout; the text names the field."""
 
 
@@ -62,8 +64,13 @@ class CdrReader:
     def numbers(self, dtype: str, count: int, field: str) -> NDArray:
         """`count` numbers in a row as a read-only view, for instance of dtype ``<f8``."""
         size = np.dtype(dtype).itemsize
-        self.align(size)
+        if count:  # an empty sequence has no padding after its count
+            self.align(size)
         return np.frombuffer(self.data, dtype, count, self._next(size * count, field))
+
+    def rows(self, dtype: np.dtype, count: int, field: str) -> NDArray:
+        """`count` records in a row as a read-only view; the first must begin where its own alignment asks for."""
+        return np.frombuffer(self.data, dtype, count, self._next(dtype.itemsize * count, field))
 
     def text(self, field: str) -> str:
         """A string: its length with the closing NUL, then UTF-8."""

@@ -1,6 +1,7 @@
 """What is wrong with a recorded path: what forbids its use, and what is worth telling."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,21 +18,41 @@ NOTED_DEVIATION = 0.05
 """Distance of the fitted path from the log's poses from which a note names the place [m]."""
 NOTED_TURN = 0.02
 """The same for headings and hitch angles [rad]."""
+LARGEST_DEVIATION = 0.3
+"""A drivable path farther from a pose than this [m], and five standard deviations of the noise, is another path."""
+_UNSURE_HITCH = 0.02
+"""Standard deviation of the last hitch angle from which a note tells of it [rad]."""
 LIMIT_SLACK = 1.001
 """Limits may be exceeded by this factor before a note says so, as in the audit."""
+_PLACES = 11  # of a path that are tried for each pose
 BODIES = ("truck", "trailer")
 
 
-def check_fit(fit: Fit) -> None:
+class Deviation(NamedTuple):
+    """How far a drivable path is from the poses of a log: largest and root mean square over all of them."""
+
+    largest: float  # [m]
+    rms: float  # [m]
+    largest_turn: float  # of the headings [rad]
+    rms_turn: float  # [rad]
+
+
+def check_fit(recorded: RecordedPoses, fit: Fit) -> None:
     """Raise Refusal (E_KINEMATICS) if no drivable path was found near the poses."""
-    if fit.defect <= LARGEST_DEFECT:
-        return
     row = int(np.argmax(fit.position_error))
-    text = (
-        f"no drivable path was found near its poses: the kinematics break by {fit.defect:.2g} m or rad, and pose {row} "
-        f"is {fit.position_error[row]:.2f} m away"
-    )
-    raise Refusal("E_KINEMATICS", text)
+    off, most = float(fit.position_error[row]), LARGEST_DEVIATION + 5.0 * recorded.noise.position
+    where = _place(recorded, fit, float(fit.pose_s[row]))
+    if not fit.defect <= LARGEST_DEFECT:
+        text = (
+            f"no drivable path was found near its poses: the kinematics break by {fit.defect:.2g} m or rad, and the "
+            f"path is up to {off:.2f} m from them ({where})"
+        )
+        raise Refusal("E_KINEMATICS", text)
+    if not off <= most:
+        text = (
+            f"the drivable path nearest to its poses is {off:.2f} m from them ({where}), expected at most {most:.2g} m"
+        )
+        raise Refusal("E_KINEMATICS", text)
 
 
 def check_ends(problem: Problem, hint: Callable[[Array], str], is_reconstructed: bool) -> None:
@@ -57,17 +78,42 @@ def check_ends(problem: Problem, hint: Callable[[Array], str], is_reconstructed:
             raise Refusal(code, text + hint(at))
 
 
-def deviation(plane: Array, recorded: RecordedPoses, fit: Fit) -> tuple[float, float]:
-    """Largest distance [m] and difference in heading [rad] of the fitted path from all poses (m, 3) of the log.
+def deviation(plane: Array, recorded: RecordedPoses, fit: Fit) -> Deviation:
+    """How far the fitted path is from all poses (m, 3) of the log: across it, at the place that is nearest.
 
-    For poses that the fit did not use, the distance is taken across the path, at the arc length in proportion.
+    The place is sought between those of the neighbouring poses that the fit used.
     """
-    samples = fit.path.samples
-    travel = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(plane[:, :2], axis=0).T))])
-    s = np.interp(travel, travel[recorded.kept], fit.pose_s)
+    samples, row, last = fit.path.samples, recorded.nearest, len(fit.pose_s) - 1
+    low, high = fit.pose_s[np.maximum(row - 1, 0)], fit.pose_s[np.minimum(row + 1, last)]
+    s = low[:, None] + np.linspace(0.0, 1.0, _PLACES) * (high - low)[:, None]
     x, y, theta = (np.interp(s, samples.s, samples.states[:, column]) for column in range(3))
-    across = np.abs(np.cos(theta) * (plane[:, 1] - y) - np.sin(theta) * (plane[:, 0] - x))
-    return max(float(fit.position_error.max()), float(across.max())), float(fit.heading_error.max())
+    dx, dy = plane[:, :1] - x, plane[:, 1:2] - y
+    best = np.argmin(dx * dx + dy * dy, axis=1)[:, None]
+    x, y, theta = (np.take_along_axis(each, best, axis=1)[:, 0] for each in (dx, dy, theta))
+    across = np.abs(np.cos(theta) * y - np.sin(theta) * x)
+    turn = np.abs(np.mod(plane[:, 2] - theta + np.pi, 2.0 * np.pi) - np.pi)
+    if not recorded.has_headings:
+        turn = np.zeros(len(plane))
+    if recorded.group is None:  # each pose has a place of its own
+        across = np.concatenate([across, fit.position_error])
+        turn = np.concatenate([turn, fit.heading_error])
+    means = (float(np.sqrt(np.mean(each**2))) for each in (across, turn))
+    return Deviation(float(across.max()), next(means), float(turn.max()), next(means))
+
+
+def hitch_notes(problem: Problem, recorded: RecordedPoses, fit: Fit) -> list[str]:
+    """How well a hitch angle that is integrated is known at the goal."""
+    notes = []
+    if not recorded.is_exact and fit.goal_hitch_sigma > _UNSURE_HITCH:
+        notes.append(
+            f"the hitch angle at the goal is known to within {fit.goal_hitch_sigma:.2f} rad (one standard deviation): "
+            "it is integrated from noisy poses, and only a logged trailer path helps"
+        )
+    growth = -sum(part.direction * part.trailer_length for part in problem.recorded.segments)
+    times = float(np.exp(min(growth / problem.vehicle.hitch_to_axle, 50.0)))
+    if times > 1.0:
+        notes.append(f"an error of the initial hitch angle (--initial-hitch) is {times:.3g} times as large at the goal")
+    return notes
 
 
 def check_recorded(

@@ -7,9 +7,9 @@ from optim.arrays import Array
 from optim.cover import cover_cells
 from optim.vehicle import Vehicle, body_poses
 from replay.case import MapImage
+from replay.logs.content import Grid
 from replay.logs.options import ReadOptions
 from replay.logs.planar import Refusal, planar
-from replay.logs.ros2 import Grid
 
 MAX_CELLS = 64_000_000
 """Most cells of one grid."""
@@ -30,11 +30,11 @@ def map_image(grid: Grid) -> tuple[MapImage, list[str]]:
         raise Refusal("E_GRID_RESOLUTION", text)
     size = f"{grid.width} x {grid.height} cells"
     if grid.width == 0 or grid.height == 0:
-        raise Refusal("E_GRID_EMPTY", f"the grid has {size}")
+        raise Refusal("E_GRID_EMPTY", f"the grid has {size}, expected at least 1 x 1")
     if grid.width * grid.height > MAX_CELLS:
         raise Refusal("E_GRID_LIMIT", f"the grid has {size}, expected at most {MAX_CELLS} in all")
     if grid.width * grid.height != len(grid.data):
-        raise Refusal("E_GRID_SIZE", f"the grid has {size} and {len(grid.data)} values")
+        raise Refusal("E_GRID_SIZE", f"the grid has {size} and {len(grid.data)} values, expected one for each cell")
     cells = grid.data.reshape(grid.height, grid.width)
     if cells.min() < -1 or cells.max() > 100:
         row, column = (int(i) for i in np.argwhere((cells < -1) | (cells > 100))[0])
@@ -42,7 +42,7 @@ def map_image(grid: Grid) -> tuple[MapImage, list[str]]:
         raise Refusal("E_GRID_VALUE", text)
     (origin,), notes = planar(grid.origin[None, :], "info.origin")
     if np.abs(origin[:2]).max() > 1e8:
-        raise Refusal("E_RANGE", f"info.origin is ({origin[0]:.6g}, {origin[1]:.6g}) m")
+        raise Refusal("E_RANGE", f"info.origin is ({origin[0]:.6g}, {origin[1]:.6g}) m, expected at most 1e8")
     x, y, yaw = (float(value) for value in origin)
     return MapImage(cells=cells, resolution=resolution, origin=(x, y, yaw)), notes
 

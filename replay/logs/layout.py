@@ -1,26 +1,21 @@
 """Is a message laid out as its type's name promises? The definition in the log is compared with the standard one.
 
-Only types and names of fields decide; comments, blanks, constants, default values and bounds of the text do not.
-The work is linear in the text, nothing recurses, and sizes are limited, whatever the text says.
+Definitions are lines of a type and a name (`ros2msg`), or IDL (`ros2idl`, see `idl.py`). Only types and names of fields
+decide; comments, blanks, constants, default values and bounds of the text do not. The work is linear in the text,
+nothing recurses, and sizes are limited, whatever the text says.
 """
 
 from functools import cache
 
+from replay.logs.idl import MAX_FIELDS, MAX_TYPES, Layout, LayoutError, parse_idl
+
 MAX_TEXT = 256 * 1024
 """Longest definition [bytes]."""
 MAX_LINE = 4096
-MAX_TYPES = 256
-MAX_FIELDS = 512
-
-Layout = dict[str, list[tuple[str, str]]]
 _PRIMITIVES = {"bool", "float32", "float64", "string", "wstring"} | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 }
 _SAME_TYPE = {"byte": "uint8", "char": "uint8"}
-
-
-class LayoutError(ValueError):
-    """A definition that cannot be read, or that is not the standard one."""
 
 
 @cache
@@ -62,8 +57,8 @@ def _full_type(written: str, package: str) -> str:
     return base + bracket + rest
 
 
-def matching_layout(name: str, definition: bytes, standards: tuple[str, ...]) -> int:
-    """Which of the standard definitions of type `name` a log's definition equals.
+def matching_layout(name: str, definition: bytes, standards: tuple[str, ...], encoding: str = "ros2msg") -> int:
+    """Which of the standard definitions of type `name` a log's definition (`ros2msg` or `ros2idl`) equals.
 
     Raises:
         LayoutError: none of them; the text says what differs from the first.
@@ -71,9 +66,10 @@ def matching_layout(name: str, definition: bytes, standards: tuple[str, ...]) ->
     if len(definition) > MAX_TEXT:
         raise LayoutError(f"the definition has {len(definition)} bytes, at most {MAX_TEXT} are read")
     try:
-        found = parse_layout.__wrapped__(name, definition.decode("utf-8"))  # not cached: it is the log's
+        text = definition.decode("utf-8")
     except UnicodeDecodeError:
         raise LayoutError("the definition is not UTF-8 text") from None
+    found = parse_idl(text) if encoding == "ros2idl" else parse_layout.__wrapped__(name, text)  # not cached: the log's
     for number, standard in enumerate(standards):
         if all(found.get(kind) == fields for kind, fields in parse_layout(name, standard).items()):
             return number

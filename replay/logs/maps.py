@@ -1,5 +1,6 @@
 """The map at a moment of the log, as a scene; each distinct map is built once."""
 
+import dataclasses
 import hashlib
 from bisect import bisect_right
 from collections.abc import Callable
@@ -11,12 +12,16 @@ from optim.arrays import Array
 from optim.scene import Scene, make_scene
 from optim.vehicle import Vehicle
 from replay.case import MapImage
+from replay.logs.content import Grid, Marker, Ring
+from replay.logs.frames import Frames, frame_name
 from replay.logs.grid import cells_at, check_under_path, grid_polygons, map_image, outline
-from replay.logs.markers import Markers, apply_markers, marker_polygons
+from replay.logs.markers import MAX_POLYGONS, Markers, apply_markers, marker_polygons
 from replay.logs.options import ReadOptions
 from replay.logs.planar import Refusal
-from replay.logs.ros2 import Grid
 from replay.logs.topics import Topic, refused
+
+MAX_CORNERS = 10_000
+"""Most corners of one polygon."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -29,6 +34,8 @@ class LogMap:
     """A point in the middle of it [m]. Shape (2,)."""
     notes: tuple[str, ...]
     options: ReadOptions
+    headless: bool = False
+    """The messages of this map name no frame at all: it is taken to be in that of the path."""
 
     def check_under(self, vehicle: Vehicle, states: Array) -> None:
         """Raise Refusal if states (N, 4) of the recorded path leave the map, or stand on unknown cells."""
@@ -45,8 +52,9 @@ class LogMap:
 class Maps:
     """The messages of the map's topic."""
 
-    def __init__(self, topic: Topic, options: ReadOptions) -> None:
+    def __init__(self, topic: Topic, options: ReadOptions, frames: Frames) -> None:
         self.topic = topic
+        self.frames = frames
         self.options = options
         self._times = [message.log_time for message in topic.messages]
         self._built: dict[object, LogMap] = {}
@@ -61,8 +69,8 @@ class Maps:
         index = self.index_at(log_time)
         notes = ["the map was logged after the path"] if self._times[index] > log_time else []
         try:
-            build = self._grid if self.topic.family.role == "grid" else self._markers
-            return build(index), notes
+            builders = {"grid": self._grid, "markers": self._markers, "polygon": self._polygons}
+            return builders[self.topic.family.role](index), notes
         except Refusal as error:
             refused(self.topic, index, error)
         except ValueError as error:  # from the scene: shapes that are no obstacles, grids too wide
@@ -104,22 +112,82 @@ class Maps:
         return self._once(index, index, lambda: self._build_markers(state))
 
     def _build_markers(self, state: Markers) -> LogMap:
-        frames = sorted({frame_name(marker.header.frame) for marker in state.values()})
-        if len(frames) > 1:
-            raise Refusal("E_FRAME", f"its markers are in several frames: {', '.join(map(repr, frames[:5]))}")
         if not state:
             raise Refusal("E_NO_MAP", "all its markers are deleted at that time")
-        polygons, notes = marker_polygons(state.values(), self.options.height)
+        frame, every = self._markers_in_one_frame(list(state.values()))
+        polygons, notes = marker_polygons(every, self.options.height)
         points = np.concatenate(polygons) if polygons else np.zeros((1, 2))
         return LogMap(
-            scene=make_scene(polygons, frame=frames[0]),
+            scene=make_scene(polygons, frame=frame),
             image=None,
             centre=(points.min(axis=0) + points.max(axis=0)) / 2.0,
             notes=tuple(notes if polygons else [*notes, "the map has no obstacles"]),
             options=self.options,
         )
 
+    def _markers_in_one_frame(self, markers: list[Marker]) -> tuple[str, list[Marker]]:
+        """All markers in the frame of most of them."""
+        named = [frame_name(marker.header.frame) for marker in markers]
+        frame = max(sorted(set(named)), key=named.count)
+        if len(set(named)) == 1:
+            return frame, markers
+        try:
+            moved = [
+                self.frames.moved(_unit(each.pose)[None], name, frame)[0]
+                for each, name in zip(markers, named, strict=True)
+            ]
+        except Refusal as error:
+            listed = ", ".join(map(repr, sorted(set(named))[:5]))
+            raise Refusal("E_FRAME", f"its markers are in several frames, {listed}: {error}") from None
+        return frame, [dataclasses.replace(each, pose=pose) for each, pose in zip(markers, moved, strict=True)]
 
-def frame_name(frame: str) -> str:
-    """A frame without the leading slash of ROS 1."""
-    return frame.removeprefix("/")
+    def _polygons(self, index: int) -> LogMap:
+        if index in self._key_of:
+            return self._built[self._key_of[index]]
+        rings: list[Ring] = []
+        moment = None
+        for i in range(index, -1, -1):  # one message for each polygon: those of one moment are one map
+            each: tuple[Ring, ...] = self.topic.decode(i)
+            stamps = {ring.header.stamp if ring.header else self._times[i] for ring in each}
+            moment = stamps if moment is None else moment
+            if stamps != moment:
+                break
+            rings = [*each, *rings]
+        return self._once(index, index, lambda: self._build_polygons(rings))
+
+    def _build_polygons(self, rings: list[Ring]) -> LogMap:
+        frames = sorted({frame_name(ring.header.frame) for ring in rings if ring.header})
+        if len(frames) > 1:
+            raise Refusal("E_FRAME", f"its polygons are in several frames: {', '.join(map(repr, frames[:5]))}")
+        polygons, notes = ring_polygons(rings)
+        points = np.concatenate(polygons) if polygons else np.zeros((1, 2))
+        return LogMap(
+            scene=make_scene(polygons, frame=frames[0] if frames else ""),
+            image=None,
+            centre=(points.min(axis=0) + points.max(axis=0)) / 2.0,
+            notes=tuple(notes if polygons else [*notes, "the map has no obstacles"]),
+            options=self.options,
+            headless=not frames,
+        )
+
+
+def _unit(pose: Array) -> Array:
+    """A marker's pose; one that was never turned has a quaternion of zeros."""
+    return pose if pose[3:].any() else np.array([*pose[:3], 0.0, 0.0, 0.0, 1.0])
+
+
+def ring_polygons(rings: list[Ring]) -> tuple[list[Array], list[str]]:
+    """Outlines (n, 2) of the polygons that have a corner, and notes. Raises Refusal."""
+    polygons = []
+    for number, ring in enumerate(rings):
+        if not np.isfinite(ring.points).all() or np.abs(ring.points).max(initial=0.0) > 1e8:
+            raise Refusal("E_NONFINITE", f"polygon {number} holds a value that is no finite place")
+        if len(ring.points) > MAX_CORNERS:
+            text = f"polygon {number} has {len(ring.points)} corners, expected at most {MAX_CORNERS}"
+            raise Refusal("E_TOO_MANY_SHAPES", text)
+        if len(ring.points):
+            polygons.append(ring.points[:, :2])
+    if len(polygons) > MAX_POLYGONS:
+        raise Refusal("E_TOO_MANY_SHAPES", f"the map has more than {MAX_POLYGONS} polygons")
+    empty = len(rings) - len(polygons)
+    return polygons, [f"{empty} polygons are no obstacles: they are empty"] if empty else []

@@ -7,23 +7,27 @@ import numpy as np
 
 from optim.arrays import Array
 from replay.errors import printable
+from replay.logs.content import Marker
 from replay.logs.planar import NORM_REFUSED, Refusal, rotation
-from replay.logs.ros2 import Marker
 
 CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST, CUBE_LIST = 1, 2, 3, 4, 5, 6
-TRIANGLE_LIST = 11
+ARROW, TEXT, MESH, TRIANGLE_LIST = 0, 9, 10, 11
 ADD, DELETE, DELETE_ALL = 0, 2, 3
+FORGET = 100
+"""An action of no ROS message: delete all of a namespace, or of all of them, that is not newer."""
 MAX_POLYGONS = 100_000
 """Most obstacles of one map."""
 THINNEST = 0.01
 """Lines and upright faces become walls at least this thick [m]."""
+LARGEST = 1e8
+"""No place, size or part of a quaternion may be larger [m]."""
 _TINY_AREA = 1e-6  # [m2]; a footprint below it is a wall seen from above
 _NAMES = {
-    0: "ARROW",
+    ARROW: "ARROW",
     7: "SPHERE_LIST",
     8: "POINTS",
-    9: "TEXT_VIEW_FACING",
-    10: "MESH_RESOURCE",
+    TEXT: "TEXT_VIEW_FACING",
+    MESH: "MESH_RESOURCE",
     12: "ARROW_STRIP",
 }
 
@@ -32,15 +36,27 @@ Markers = dict[tuple[str, int], Marker]
 
 def apply_markers(state: Markers, message: Iterable[Marker]) -> None:
     """Change the markers that are there as one message says, by namespace and id."""
+    spaces: dict[str, set[int]] | None = None  # what is in each namespace, once that is asked for
     for marker in message:
         key = marker.ns, marker.id
-        if marker.action == DELETE_ALL:
-            for other in [k for k in state if not marker.ns or k[0] == marker.ns]:
-                del state[other]
+        if marker.action in (DELETE_ALL, FORGET):
+            if spaces is None:
+                spaces = {}
+                for ns, number in state:
+                    spaces.setdefault(ns, set()).add(number)
+            latest = marker.header.stamp if marker.action == FORGET else 0
+            for ns in [marker.ns] if marker.ns else list(spaces):
+                gone = {i for i in spaces.get(ns, ()) if not latest or state[ns, i].header.stamp <= latest}
+                for number in gone:
+                    del state[ns, number]
+                spaces.setdefault(ns, set()).difference_update(gone)
         elif marker.action == DELETE:
-            state.pop(key, None)
+            if state.pop(key, None) is not None and spaces is not None:
+                spaces[marker.ns].discard(marker.id)
         else:  # ADD, MODIFY (the same number), and 1, MODIFY's former number
             state[key] = marker
+            if spaces is not None:
+                spaces.setdefault(marker.ns, set()).add(marker.id)
 
 
 def marker_polygons(markers: Iterable[Marker], height: float) -> tuple[list[Array], list[str]]:
@@ -76,10 +92,14 @@ def marker_polygons(markers: Iterable[Marker], height: float) -> tuple[list[Arra
 def _checked_rotation(marker: Marker) -> Array:
     name = f"marker {printable(marker.ns, 40)!r}/{marker.id}"
     for field, values in (("pose", marker.pose), ("scale", marker.scale), ("points", marker.points)):
-        if not np.isfinite(values).all() or np.abs(values).max(initial=0.0) > 1e8:
-            raise Refusal("E_NONFINITE", f"{name}: {field} holds a value that is no finite size or place")
+        bad = np.argwhere(~(np.abs(values) <= LARGEST))
+        if len(bad):
+            place = f"{field}[{', '.join(map(str, bad[0]))}]"
+            found = f"{values[tuple(bad[0])]:g}"
+            raise Refusal("E_NONFINITE", f"{name}: {place} is {found}, expected a number up to {LARGEST:g}")
     if marker.scale.min() < 0.0:
-        raise Refusal("E_MARKER", f"{name}: scale is {tuple(marker.scale)}, expected positive sizes")
+        sizes = ", ".join(f"{size:g}" for size in marker.scale)
+        raise Refusal("E_MARKER", f"{name}: scale is ({sizes}) m, expected none below 0")
     norm = float(np.linalg.norm(marker.pose[3:]))
     if norm == 0.0:
         return np.eye(3)  # never set: viewers take it for no rotation

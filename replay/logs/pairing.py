@@ -3,8 +3,8 @@
 import numpy as np
 
 from optim.arrays import Array, IntArray
+from replay.logs.content import PoseSeries
 from replay.logs.planar import Refusal
-from replay.logs.ros2 import PoseSeries
 
 TOLERANCE = 0.2
 """Largest median distance of the trailer's axle from where the hitch puts it [m]."""

@@ -1,25 +1,40 @@
 """From the poses of one path message to what a fit can use: in the plane, distinct, with headings and gears."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optim.arrays import Array, IntArray, frozen, frozen_int
+from replay.logs.content import PoseSeries
+from replay.logs.continuity import check_steps, jumps
+from replay.logs.motion import (
+    NO_NOISE,
+    SURE,
+    Noise,
+    group_length,
+    groups,
+    heading_from_motion,
+    headings_along,
+    noise_of,
+    rough_chain,
+    signed_travel,
+    turning_points,
+)
 from replay.logs.planar import Refusal, planar
-from replay.logs.ros2 import PoseSeries
 
 LARGEST_COORDINATE = 1e6
 """Distance from the map beyond which a pose is no place [m]."""
-LARGEST_STEP = 2.0
-"""Distance between neighbouring poses beyond which the path is not continuous [m]."""
 SMALLEST_STEP = 0.005
 """Poses nearer to the one before are repetitions of it [m]: below it, noise decides about direction and gear."""
 THINNED_TO = 0.1
 """Poses nearer to each other are thinned out to about this distance [m]: that of the fitted path's samples."""
 SHORTEST_GEAR = 0.02
 """Travel below which a change of gear is noise [m]."""
+QUIET = Noise(position=0.0025, heading=0.0025)
+"""Poses with less noise [m, rad] are used one by one: motion alone looks like that much where they are 1 m apart."""
+LARGEST_NOISE = 0.15
+"""Standard deviation of positions beyond which there is nothing to repair [m]."""
 LARGEST_SLIP = np.radians(15.0)
 """Median angle between heading and motion beyond which the headings cannot be headings [rad]."""
 
@@ -37,6 +52,33 @@ class RecordedPoses:
     nearest: IntArray
     """For each pose of the message, the row of `poses` that stands for it. Shape (num_poses,)."""
     notes: tuple[str, ...]
+    noise: Noise = NO_NOISE
+    """Of the poses of the message."""
+    group: IntArray | None = None
+    """For each pose of the message, the row that it is averaged into, -1 for none; None: nothing is averaged."""
+    has_headings: bool = True
+    """False where the headings are taken from the motion."""
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the poses have too little noise to matter."""
+        return self.noise.position <= QUIET.position and self.noise.heading <= QUIET.heading
+
+    def averaged(self, values: Array) -> Array:
+        """What belongs to each pose, averaged as the poses are but at the ends: from (num_poses, k) to (n, k)."""
+        if self.group is None:
+            return values[self.kept]
+        return _averaged(values, self.group)
+
+    @property
+    def sigma(self) -> Array:
+        """Expected errors of position [m] and heading [rad] of each row of `poses`, infinite if unknown; (n, 2)."""
+        count = np.ones(len(self.poses))
+        if self.group is not None:
+            count = np.bincount(self.group[self.group >= 0]).astype(float)
+            count[[0, -1]] = 1.0
+        heading = self.noise.heading if self.has_headings else np.inf
+        return np.array([self.noise.position, heading]) / np.sqrt(count)[:, None]
 
 
 def to_plane(series: PoseSeries, centre: Array) -> tuple[Array, list[str]]:
@@ -67,22 +109,25 @@ def recorded_poses(plane: Array, start_direction: int) -> RecordedPoses:
     """
     if len(plane) < 2:
         raise Refusal("E_PATH_SHORT", "it has one pose, expected a path")
-    _check_steps(plane)
+    gaps = check_steps(plane)
+    noise = noise_of(plane)
+    if noise.position > QUIET.position or noise.heading > QUIET.heading:
+        return _averaged_poses(plane, noise, start_direction, gaps)
     kept, nearest = _distinct(plane[:, :2])
     if len(kept) < 2:
         raise Refusal(
             "E_PATH_ZERO_LENGTH",
             f"its {len(plane)} poses are all at ({plane[0, 0]:.2f}, {plane[0, 1]:.2f}) m",
         )
-    notes: list[str] = []
+    notes = gaps
     merged = len(plane) - len(kept)
     if merged:
         notes.append(f"{merged} of {len(plane)} poses repeat the one before and are merged with it")
     poses = plane[kept].copy()
-    if _headings_missing(poses):
+    is_missing = _headings_missing(poses)
+    if is_missing:
         poses[:, 2] = heading_from_motion(poses[:, :2], start_direction)
-        gear = "forward" if start_direction == 1 else "in reverse"
-        notes.append(f"all headings are equal; they are taken from the motion, which starts {gear} (--start-direction)")
+        notes.append(_headings_note(start_direction))
     poses[:, 2] = np.unwrap(poses[:, 2])
     _check_headings(poses)
     direction, smoothed = _gears(poses)
@@ -91,32 +136,75 @@ def recorded_poses(plane: Array, start_direction: int) -> RecordedPoses:
     rows = _thinned(poses, direction)
     if len(rows) < len(poses):
         notes.append(f"its {len(poses)} poses are closer than {THINNED_TO:g} m; {len(rows)} of them are used")
-        nearest = _nearest_row(poses, rows)[nearest]
+        nearest = nearest_row(poses, rows)[nearest]
         poses, kept, direction = poses[rows], kept[rows], direction[rows[:-1]]
+    notes += [] if is_missing else jumps(poses, kept, noise)
     return RecordedPoses(
         poses=frozen(poses),
         direction=frozen_int(direction),
         kept=frozen_int(kept),
         nearest=frozen_int(nearest),
         notes=tuple(notes),
+        has_headings=not is_missing,
     )
 
 
-def _check_steps(plane: Array) -> None:
-    steps = np.hypot(*np.diff(plane[:, :2], axis=0).T)
-    row = int(np.argmax(steps))
-    if steps[row] <= LARGEST_STEP:
-        return
-    median = float(np.median(steps))
-    if median > LARGEST_STEP:
-        text = f"neighbouring poses are {median:.4g} m apart, expected at most {LARGEST_STEP:g}: are these metres?"
-        raise Refusal("E_RANGE", text)
-    here, there = plane[row, :2], plane[row + 1, :2]
-    text = (
-        f"it jumps by {steps[row]:.4g} m from pose {row} at ({here[0]:.2f}, {here[1]:.2f}) m to pose {row + 1} at "
-        f"({there[0]:.2f}, {there[1]:.2f}) m, expected at most {LARGEST_STEP:g} m"
+def _averaged_poses(plane: Array, noise: Noise, start_direction: int, gaps: list[str]) -> RecordedPoses:
+    """`recorded_poses` where noise would decide about gears and steering: means of groups of neighbours.
+
+    The first and the last pose stay as they are.
+    """
+    if noise.position > LARGEST_NOISE:
+        found, most = 100.0 * noise.position, 100.0 * LARGEST_NOISE
+        raise Refusal("E_KINEMATICS", f"its poses have noise of {found:.0f} cm, expected at most {most:.0f} cm")
+    poses, chain = plane.copy(), rough_chain(plane[:, :2], noise.position)
+    if len(chain) < 2:
+        at = f"({plane[0, 0]:.2f}, {plane[0, 1]:.2f}) m"
+        raise Refusal("E_PATH_ZERO_LENGTH", f"its {len(plane)} poses are all at {at} within their noise")
+    is_missing = _headings_missing(poses)
+    if is_missing:
+        rough = np.unwrap(heading_from_motion(poses[chain, :2], start_direction))
+        poses[:, 2] = np.interp(np.arange(len(poses)), chain, rough)
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    _check_headings(poses[chain])
+    travel = signed_travel(poses)
+    turns, gear = turning_points(travel, max(SHORTEST_GEAR, SURE * noise.position))
+    length = group_length(travel, noise)
+    group, direction = groups(travel, turns, gear, length, noise.position)
+    used = _averaged(poses, group)
+    if is_missing:
+        used[:, 2] = np.unwrap(headings_along(used[:, :2], direction))
+    degrees = "" if is_missing else f" and {np.degrees(noise.heading):.2f} degrees"
+    text = f"its poses have noise of {100.0 * noise.position:.1f} cm{degrees}"
+    if len(used) < len(poses):
+        text += f"; {len(poses)} of them are averaged over up to {length:.2f} m to {len(used)}"
+    members = [np.flatnonzero(group == row) for row in range(len(used))]
+    kept = np.array([0, *(rows[len(rows) // 2] for rows in members[1:-1]), len(poses) - 1])
+    notes = [_headings_note(start_direction)] if is_missing else jumps(used, kept, noise)
+    return RecordedPoses(
+        poses=frozen(used),
+        direction=frozen_int(direction),
+        kept=frozen_int(kept),
+        nearest=frozen_int(np.searchsorted((kept[1:] + kept[:-1]) / 2.0, np.arange(len(poses)))),
+        notes=(*gaps, *notes, text),
+        noise=noise,
+        group=frozen_int(group),
+        has_headings=not is_missing,
     )
-    raise Refusal("E_PATH_DISCONTINUOUS", text)
+
+
+def _averaged(values: Array, group: IntArray) -> Array:
+    """Means of rows by their group; of the first and the last group, the first and the last row."""
+    inside = group >= 0
+    count = np.bincount(group[inside])
+    means = np.stack([np.bincount(group[inside], column) / count for column in values[inside].T], axis=1)
+    means[0], means[-1] = values[0], values[-1]
+    return means
+
+
+def _headings_note(start_direction: int) -> str:
+    gear = "forward" if start_direction == 1 else "in reverse"
+    return f"all headings are equal; they are taken from the motion, which starts {gear} (--start-direction)"
 
 
 def _distinct(xy: Array) -> tuple[IntArray, IntArray]:
@@ -145,36 +233,6 @@ def _headings_missing(poses: Array) -> bool:
     dx, dy = np.diff(poses[:, :2], axis=0).T
     across = -np.sin(poses[0, 2]) * dx + np.cos(poses[0, 2]) * dy
     return bool((np.abs(across) > np.sin(np.radians(5.0)) * np.hypot(dx, dy)).any())
-
-
-def heading_from_motion(xy: Array, start_direction: int) -> Array:
-    """Tangents of the polyline through points (n, 2), turned round at cusps. Shape (n,), unwrapped.
-
-    A turn by more than a right angle between neighbouring pieces is a change of gear. Within a gear, the heading at
-    a point is the mean of its two pieces, weighted by the other's length, and at its ends it goes on as it turned:
-    exact for points on a circle, but for the chords. At a cusp it is the mean of what both gears say.
-    """
-    delta = np.diff(xy, axis=0)
-    length = np.hypot(*delta.T)
-    chord = np.arctan2(delta[:, 1], delta[:, 0])
-    turns = np.cos(np.diff(chord)) < 0.0
-    gear = start_direction * np.concatenate([[1], np.cumprod(np.where(turns, -1, 1))])
-    piece = np.unwrap(np.where(gear > 0, chord, chord + np.pi))
-    total, count = np.zeros(len(xy)), np.zeros(len(xy))
-    edges = [0, *(np.flatnonzero(turns) + 1).tolist(), len(piece)]
-    for start, stop in pairwise(edges):
-        total[start : stop + 1] += _tangents(piece[start:stop], length[start:stop])
-        count[start : stop + 1] += 1.0
-    return total / count
-
-
-def _tangents(piece: Array, length: Array) -> Array:
-    """Headings at the n + 1 ends of n pieces of one gear, from the headings and lengths of the pieces."""
-    if len(piece) == 1:
-        return np.repeat(piece, 2)
-    share = length[:-1] / (length[:-1] + length[1:])
-    inner = piece[:-1] + share * np.diff(piece)
-    return np.concatenate([[2.0 * piece[0] - inner[0]], inner, [2.0 * piece[-1] - inner[-1]]])
 
 
 def _motion(poses: Array) -> tuple[Array, Array]:
@@ -237,7 +295,7 @@ def _travel(poses: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
 
 
-def _nearest_row(poses: Array, rows: IntArray) -> IntArray:
+def nearest_row(poses: Array, rows: IntArray) -> IntArray:
     """For every pose, which of the kept rows is nearest along the path."""
     s = _travel(poses)
     return np.searchsorted((s[rows[1:]] + s[rows[:-1]]) / 2.0, s)

@@ -97,10 +97,11 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Log:
-    """What one MCAP file holds."""
+    """What one MCAP file holds, or the parts of one recording."""
 
     path: Path
     sha256: str
+    """Of the file; for a folder, of a list with one line for each part: its sum, two blanks, its name."""
     size: int
     profile: str
     library: str
@@ -111,6 +112,11 @@ class Log:
     """Of wanted channels, by log time, then in the order of the file."""
     metadata: tuple[Metadata, ...] = ()
     findings: tuple[Finding, ...] = field(default=())
+
+    @property
+    def stem(self) -> str:
+        """What its cases are called: the file's name without its ending, or the folder's."""
+        return self.path.resolve().name if self.path.is_dir() else self.path.stem
 
     @property
     def lost(self) -> bool:

@@ -5,10 +5,12 @@ import numpy as np
 from optim.arrays import Array
 from optim.vehicle import Vehicle
 from replay.errors import LogError
+from replay.logs.content import PoseSeries
+from replay.logs.frames import Frames, frame_name, in_frame
 from replay.logs.pairing import TOLERANCE, hitch_misfit, trailer_at_poses
 from replay.logs.planar import Refusal
 from replay.logs.poses import recorded_poses, to_plane
-from replay.logs.ros2 import PoseSeries
+from replay.logs.stated import at_rear_axle
 from replay.logs.topics import Topic, refused, titles
 
 MOST_CANDIDATES = 8
@@ -16,9 +18,18 @@ MOST_CANDIDATES = 8
 
 
 def truck_and_trailer(
-    trucks: list[Topic], trailers: list[Topic], vehicle: Vehicle, *, truck_chosen: bool, trailer_chosen: bool
+    trucks: list[Topic],
+    trailers: list[Topic],
+    vehicle: Vehicle,
+    *,
+    truck_chosen: bool,
+    trailer_chosen: bool,
+    offset: float,
+    frames: Frames,
 ) -> tuple[Topic, Topic | None]:
     """The truck's topic, and the trailer's if there is one: the pair in which one follows the other on its hitch.
+
+    offset: how far ahead of the rear axle the truck's poses are [m].
 
     Raises:
         LogError: it cannot be told; the error lists the topics and names the options.
@@ -30,7 +41,7 @@ def truck_and_trailer(
     every = [topic for _, topic in sorted({topic.name: topic for topic in (*trucks, *trailers)}.items())]
     if len(every) > MOST_CANDIDATES and not truck_chosen:
         raise _ambiguous(every, "too many to compare")
-    misfits = {(a, b): _misfit(a, b, vehicle) for a in trucks for b in trailers if a is not b}
+    misfits = {(a, b): _misfit(a, b, vehicle, offset, frames) for a in trucks for b in trailers if a is not b}
     fitting = [pair for pair, (misfit, _) in misfits.items() if misfit <= TOLERANCE]
     if len(fitting) == 1:
         return fitting[0]
@@ -58,20 +69,27 @@ def _ambiguous(topics: list[Topic], found: str) -> LogError:
 
 def _first(topic: Topic) -> tuple[PoseSeries, Array]:
     series: PoseSeries = topic.decode(0)
-    centre = series.poses[0, :2] if len(series.poses) else np.zeros(2)
     try:
-        return series, to_plane(series, centre)[0]
+        return series, _plane(series)
     except Refusal as error:
         refused(topic, 0, error)
 
 
-def _misfit(truck: Topic, trailer: Topic, vehicle: Vehicle) -> tuple[float, str]:
+def _plane(series: PoseSeries) -> Array:
+    return to_plane(series, series.poses[0, :2] if len(series.poses) else np.zeros(2))[0]
+
+
+def _misfit(truck: Topic, trailer: Topic, vehicle: Vehicle, offset: float, frames: Frames) -> tuple[float, str]:
     """Median distance of the trailer's axle from where the hitch puts it, in the first messages [m].
 
     Infinite where the poses cannot be paired; then the text says why.
     """
     (series, plane), (trailer_series, trailer_plane) = _first(truck), _first(trailer)
     try:
+        plane = at_rear_axle(plane, offset)
+        if trailer_series.header.frame != series.header.frame:
+            moved, _ = in_frame(trailer_series, frame_name(series.header.frame), "the other path", frames)
+            trailer_plane = _plane(moved)
         at = trailer_at_poses(plane, series, trailer_plane, trailer_series, vehicle.hitch_to_axle)
     except Refusal as error:
         return np.inf, str(error)

@@ -43,7 +43,9 @@ class Source:
         self._state = os.fstat(fd)
         if not stat.S_ISREG(self._state.st_mode):
             os.close(fd)
-            raise LogError("E_NOT_A_FILE", path, _not_a_file(path, self._state.st_mode))
+            is_folder = stat.S_ISDIR(self._state.st_mode)
+            text = not_a_file(path) if is_folder else "not a regular file, expected an MCAP log"
+            raise LogError("E_NOT_A_FILE", path, text)
         self._file = os.fdopen(fd, "rb", buffering=MIB)
         self.size = self._state.st_size
         self.left = self.size
@@ -120,11 +122,10 @@ def _looks_like(first: bytes) -> str:
     return f"no MCAP file (it begins with {first[:8].hex(' ')})"
 
 
-def _not_a_file(path: Path, mode: int) -> str:
-    if not stat.S_ISDIR(mode):
-        return "not a regular file, expected an MCAP log"
+def not_a_file(path: Path) -> str:
+    """What a folder is, that is no log; its files are named."""
     inside = sorted(p.name for p in path.glob("*.mcap"))
     if not inside:
         return "a folder without MCAP files, expected an MCAP log"
     listed = ", ".join(inside[:5]) + (f" and {len(inside) - 5} more" if len(inside) > 5 else "")
-    return f"a folder, expected an MCAP log; give the files in it: {listed}"
+    return f"a folder without metadata.yaml, expected an MCAP log or a rosbag2 folder; give the files in it: {listed}"

@@ -1,22 +1,26 @@
 """Which topics of a log hold the map and the paths, and their messages, decoded."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NoReturn
 
+import numpy as np
+
+from optim.arrays import frozen, frozen_int
 from replay.errors import LogError, printable
-from replay.logs.cdr import CdrError
-from replay.logs.layout import LayoutError, matching_layout
+from replay.logs.content import MAP_ROLES, PATH_ROLES, PayloadError, PoseSeries, Role
+from replay.logs.families import FAMILIES, Family
+from replay.logs.layout import LayoutError
 from replay.logs.planar import Refusal
 from replay.logs.records import Channel, Log, Message
-from replay.logs.ros2 import FAMILIES, Family
 
-MAP_ROLES = ("grid", "markers")
+EXPORTED = "/replay/"
+"""Where paths are that this program itself has written into a copy of a log."""
 
 
 def is_wanted(channel: Channel) -> bool:
-    """Whether a channel may hold a map or a path."""
+    """Whether a channel may hold something that is understood."""
     return channel.schema is not None and channel.schema.name in FAMILIES
 
 
@@ -38,44 +42,85 @@ class Topic:
     @property
     def title(self) -> str:
         """For lists in errors."""
-        count = len(self.messages)
+        count = len(self.each.messages) if isinstance(self, Stream) else len(self.messages)
         return f"{printable(self.name, 80)} ({self.schema}, {count} message{'s' * (count != 1)})"
+
+    @property
+    def where(self) -> str:
+        """How errors begin."""
+        return f"{self.family.role} topic {printable(self.name, 80)!r}"
 
     def fail(self, code: str, text: str, index: int | None = None) -> NoReturn:
         """Raise a LogError that names the topic, and the message if `index` is given."""
-        where = f"{self.family.role} topic {printable(self.name, 80)!r}"
+        where = self.where
         if index is not None:
             where += f", message {index}"
         raise LogError(code, self.log.path, f"{where}: {text}")
 
     @cached_property
-    def layout(self) -> int:
-        """Which standard definition the messages follow. Raises LogError if it is none, or another encoding."""
-        layouts = set()
-        for channel in self.channels:
-            assert channel.schema is not None, "a topic is made of channels with schemas"
-            family, schema = self.family, channel.schema
-            if (channel.encoding, schema.encoding) != (family.encoding, family.schema_encoding):
-                found = f"{channel.encoding[:40]!r} with {schema.encoding[:40]!r} definitions"
-                expected = f"{family.encoding!r} with {family.schema_encoding!r} definitions"
-                self.fail("E_ENCODING", f"its messages are encoded as {found}, expected {expected}")
-            try:
-                layouts.add(matching_layout(self.schema, schema.data, family.standards))
-            except LayoutError as error:
-                self.fail("E_SCHEMA", f"its definition of {self.schema} is not the standard one: {error}")
-        if len(layouts) != 1:
-            self.fail("E_SCHEMA", f"its channels define {self.schema} differently")
-        return layouts.pop()
+    def _readers(self) -> dict[int, Callable[[bytes], Any]]:
+        """What decodes the messages of each channel. Raises LogError for an encoding or definition that is not read."""
+        return {channel.id: self._reader(channel) for channel in self.channels}
+
+    def _reader(self, channel: Channel) -> Callable[[bytes], Any]:
+        schema, family = channel.schema, self.family
+        assert schema is not None, "a topic is made of channels with schemas"
+        encodings = channel.encoding, schema.encoding
+        if encodings not in family.encodings:
+            found = f"{encodings[0][:40]!r} with {encodings[1][:40]!r} definitions"
+            expected = " or ".join(f"{message!r} with {each!r}" for message, each in family.encodings)
+            self.fail("E_ENCODING", f"its messages are encoded as {found}, expected {expected} definitions")
+        try:
+            return family.reader(encodings, schema.data)
+        except LayoutError as error:
+            self.fail("E_SCHEMA", f"its definition of {self.schema} is not the standard one: {error}")
 
     def decode(self, index: int) -> Any:
         """The content of a message, by its place in `messages`. Raises LogError."""
         message = self.messages[index]
         if message.log_time >= 1 << 63:
             self.fail("E_TIME", f"log time {message.log_time} ns is no time", index)
+        read = self._readers[message.channel.id]
         try:
-            return self.family.decode(message.data, self.layout)
-        except CdrError as error:
+            return read(message.data)
+        except PayloadError as error:
             self.fail("E_PAYLOAD", str(error), index)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Stream(Topic):
+    """A topic of single poses, read as one path: its only message is the last of them."""
+
+    each: Topic
+    """The topic itself."""
+
+    def decode(self, index: int) -> PoseSeries:
+        """All poses, by the time of their stamps, else of the log. Raises LogError."""
+        return self._joined
+
+    @cached_property
+    def _joined(self) -> PoseSeries:
+        series: list[PoseSeries] = [self.each.decode(i) for i in range(len(self.each.messages))]
+        stamps = np.concatenate([one.stamps for one in series])
+        if not stamps.any():
+            stamps = np.array([message.log_time for message in self.each.messages], np.int64)
+        speeds = [one.speed for one in series if one.speed is not None]
+        return PoseSeries(
+            header=series[0].header,
+            stamps=frozen_int(stamps),
+            poses=frozen(np.concatenate([one.poses for one in series])),
+            frames=frozenset(one.header.frame for one in series),
+            speed=frozen(np.concatenate(speeds)) if len(speeds) == len(series) else None,
+        )
+
+
+def _as_path(topic: Topic) -> Topic:
+    if topic.family.role != "stream":
+        return topic
+    last = topic.messages[-1:]
+    return Stream(
+        log=topic.log, name=topic.name, schema=topic.schema, channels=topic.channels, messages=last, each=topic
+    )  # fmt: skip
 
 
 def topics_of(log: Log) -> list[Topic]:
@@ -109,14 +154,18 @@ def choose_paths(
     log: Log, topics: Sequence[Topic], truck: str | None, trailer: str | None
 ) -> tuple[list[Topic], list[Topic]]:
     """Topics that may be the truck's path, and topics that may be the trailer's. Raises LogError if there is none."""
-    candidates = [topic for topic in topics if topic.family.role == "path"]
+    paths = [topic for topic in topics if topic.family.role == "path"]
+    streams = [topic for topic in topics if topic.family.role == "stream" and len(topic.messages) > 1]
+    named = (truck, trailer)  # beside paths, streams are used only where an option names one
+    candidates = [_as_path(topic) for topic in paths + [each for each in streams if not paths or each.name in named]]
     if not candidates:
         if any(channel.schema is None and channel.schema_id for channel in log.channels):
-            text = _nothing(log, "path", ("path",)) + "; some topics refer to schemas that are missing"
+            text = _nothing(log, "path", PATH_ROLES) + "; some topics refer to schemas that are missing"
             raise LogError("E_NO_SCHEMA", log.path, text)
-        raise LogError("E_NO_PATH", log.path, _nothing(log, "path", ("path",)))
-    trailers = candidates if trailer is None else [_named(log, candidates, trailer, "--trailer-topic")]
-    trucks = candidates if truck is None else [_named(log, candidates, truck, "--path-topic")]
+        raise LogError("E_NO_PATH", log.path, _nothing(log, "path", PATH_ROLES))
+    likely = _beside(candidates, truck)
+    trailers = likely if trailer is None else [_named(log, candidates, trailer, "--trailer-topic")]
+    trucks = likely if truck is None else [_named(log, candidates, truck, "--path-topic")]
     if trailer is not None:
         trucks = [topic for topic in trucks if topic is not trailers[0]]
     if not trucks:
@@ -126,6 +175,14 @@ def choose_paths(
             f"topic {printable(trailer)!r} is the only path; it cannot be the trailer's",
         )
     return trucks, trailers
+
+
+def _beside(candidates: list[Topic], truck: str | None) -> list[Topic]:
+    """Recorded paths, unless an exported one was asked for: then the exported ones of the same method."""
+    folder = truck.rpartition("/")[0] + "/" if truck is not None and truck.startswith(EXPORTED) else ""
+    if folder:
+        return [topic for topic in candidates if topic.name.startswith(folder)] or candidates
+    return [topic for topic in candidates if not topic.name.startswith(EXPORTED)] or candidates
 
 
 def titles(topics: Iterable[Topic]) -> str:
@@ -141,7 +198,7 @@ def _named(log: Log, candidates: Sequence[Topic], name: str, option: str) -> Top
     raise LogError("E_NO_TOPIC", log.path, text)
 
 
-def _nothing(log: Log, what: str, roles: Sequence[str]) -> str:
+def _nothing(log: Log, what: str, roles: Sequence[Role]) -> str:
     schemas = ", ".join(name for name, family in FAMILIES.items() if family.role in roles)
     text = f"no {what} in this log; expected messages of {schemas}"
     present = [c for c in log.channels if log.counts.get(c.id)]

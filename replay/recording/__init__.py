@@ -1,7 +1,7 @@
 """A run as a Rerun recording, with its blueprint in the same file. Only this package knows Rerun.
 
 Timelines: `progress` (0 to 1000, gear changes aligned where the paths have as many; every view lives on it),
-`arc_cm` (distance driven, cm), `iteration`. Entities, with <path> = recorded or a method's name:
+`arc_cm` (distance driven, cm), `iteration`. Entities, with <path> = recorded or a method's name (- for a chain's +):
 
     /scene/map, obstacles, ends, legend                              static
     /scene/<path>/path, cusps, swept, closest, audit, rejected       static
@@ -9,10 +9,10 @@ Timelines: `progress` (0 to 1000, gear changes aligned where the paths have as m
     /scene/<path>/whisker                                            line to the nearest obstacle, where it is near
     /scene/<path>/iterate                                            one polyline per iterate
     /signals/<signal>/<path>, /signals/<signal>/limit                scalars; on `iteration` each iterate's extreme
-    /gear/<path>                                                     states
+    /gear/<path>                                                     states; on `iteration` numbers of gear changes
     /solver/<quantity>/<method>, turned_down below, level beside     scalars by iteration
     /solver/residuals_log10/<residual>/<method>                      each relative to its tolerance
-    /report/{summary,convergence,vehicle,run,audit}                  markdown
+    /report/{summary,convergence,residuals,vehicle,run,audit}                  markdown
 """
 
 import pathlib
@@ -22,13 +22,16 @@ from replay.errors import ReplayError
 from replay.files import atomic_write
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from replay.run import Run
+    from replay.style import Style
 
 __all__ = ["write_recording"]
 
 
-def write_recording(run: "Run", path: pathlib.Path) -> None:
-    """Write the run as one .rrd file that opens on its verdict.
+def write_recording(run: "Run", path: pathlib.Path, looks: "Mapping[str, Style] | None" = None) -> None:
+    """Write the run as one .rrd file that opens on its verdict. `looks` are styles by method, if not their own.
 
     The file is written under a temporary name, read back, and only then gets its name: a file of that name is
     whole. Raises ReplayError if it cannot be written; nothing is left of it then.
@@ -37,6 +40,6 @@ def write_recording(run: "Run", path: pathlib.Path) -> None:
 
     with atomic_write(path) as temporary:
         try:
-            write(run, temporary)
+            write(run, temporary, looks)
         except Unwritable as error:
             raise ReplayError("E_RECORDING", f"{path}: cannot be written: {error}") from error

@@ -12,8 +12,7 @@ from replay.recording.convergence import Plot
 from replay.recording.entities import OUTSIDE, entity
 from replay.recording.picture import Frame
 from replay.recording.signals import limits_of, signals_of
-from replay.recording.summary import clearance
-from replay.recording.text import count, number, plain
+from replay.recording.text import number, plain
 from replay.recording.tracks import Track
 
 _GROUND: Final = ("/scene/map", "/scene/obstacles", "/scene/ends/**")
@@ -68,7 +67,7 @@ def _plan(content: Content, name: str, shown: list[str], legend: float = 0.0) ->
 
 def _of(track: Track, *parts: str) -> list[str]:
     """Entities of one path; vehicles and swept areas have children."""
-    nested = {"vehicle", "cusps", "swept", "closest", "rejected", "cost"}
+    nested = {"vehicle", "audit", "cusps", "swept", "closest", "rejected", "cost"}
     return [entity("scene", track.name, part) + ("/**" if part in nested else "") for part in parts]
 
 
@@ -90,10 +89,11 @@ def _plot(
     )
 
 
-def _signals_of(content: Content, *names: str) -> list[rrb.TimeSeriesView]:
-    """Plots of those signals that there are; the first one has the legend, which hides data."""
+def _signals_of(content: Content, *names: str, legend: bool) -> list[rrb.TimeSeriesView]:
+    """Plots of those signals that there are; with a legend, which hides data, in the first one or none."""
     names = tuple(name for name in names if name in limits_of(content.problem))
-    return [_signal(content, name, rrb.Corner2D.LeftTop if name == names[0] else None) for name in names]
+    corner = rrb.Corner2D.LeftTop if legend else None
+    return [_signal(content, name, corner if name == names[0] else None) for name in names]
 
 
 def _signal(content: Content, name: str, legend: rrb.Corner2D | None) -> rrb.TimeSeriesView:
@@ -115,16 +115,16 @@ def _signal(content: Content, name: str, legend: rrb.Corner2D | None) -> rrb.Tim
 
 def _overview(content: Content) -> rrb.Horizontal:
     recorded, best = content.tracks[0], content.best or content.tracks[0]
-    shown = ["/scene/legend/paths", *_of(recorded, "path", "cusps", "audit")]
+    shown = ["/scene/legend/paths/**", *_of(recorded, "path", "cusps", "audit")]
     for track in content.tracks[1:]:
         if track.status == "improved":
             shown += _of(track, "path", "cusps", "audit")
     if best is not recorded:
         shown += _of(recorded, "vehicle")
     shown += _of(best, "swept", "vehicle", "whisker", "closest")
-    plots = _signals_of(content, "clearance_m", "steering_deg")
+    plots = _signals_of(content, "clearance_m", "steering_deg", legend=False)  # the plan view has one
     summary = rrb.TextDocumentView(origin="/report/summary", name="Summary")
-    right = rrb.Vertical(summary, *plots, row_shares=[1.8 + 0.12 * len(content.tracks), *(1.0 for _ in plots)])
+    right = rrb.Vertical(summary, *plots, row_shares=[2.95, *(1.0 for _ in plots)])
     title = f"Recorded and improved paths: {_KEY}" if content.best else f"Recorded path: {_KEY}"
     return rrb.Horizontal(_plan(content, title, shown, content.legend), right, column_shares=[11, 9], name="Overview")
 
@@ -145,25 +145,46 @@ def _side_by_side(content: Content) -> rrb.Grid:
 def _panel_title(track: Track) -> str:
     if track.is_own:
         metrics = track.metrics
-        return (
-            f"{track.style.label}: J {number(metrics['objective'], 1)}, {number(metrics['length'], 1)} m, "
-            f"{count(metrics['cusps'], 'gear change')}, {clearance(metrics)}"
-        )
+        free = metrics["min_clearance"]
+        clear = f"clear by {number(free)} m" if math.isfinite(free) else "no obstacles"
+        return f"{track.style.label}: J {number(metrics['objective'], 1)}, {number(metrics['length'], 1)} m, {clear}"
     rejected = track.run is not None and track.run.rejected is not None
-    what = "its path was rejected by the audit" if rejected else track.status
-    return f"{track.style.label}: {what}; the recorded path stands"
+    return f"{track.style.label}: " + (
+        "rejected by the audit" if rejected else f"{track.status}; the recorded path stands"
+    )
 
 
 def _signals(content: Content) -> rrb.Vertical:
-    signals = _signals_of(content, "clearance_m", "steering_deg", "curvature_per_m", "hitch_deg")
+    signals = _signals_of(content, "clearance_m", "steering_deg", "curvature_per_m", "hitch_deg", legend=True)
     plots = rrb.Grid(*signals, grid_columns=2)
-    gear = rrb.StateTimelineView(origin="/gear", name="Gear: forward or reverse", time_view=everything())
-    paths = sum(track.is_own for track in content.tracks)
-    return rrb.Vertical(plots, gear, row_shares=[6.0, 0.7 + 0.5 * paths], name="Signals")
+    shown = _gears(content)
+    gear = rrb.StateTimelineView(
+        origin="/gear",
+        contents=[f"+ {entity('gear', track.name)}" for track in shown],
+        name="Gear: forward or reverse" + ("" if len(shown) == len(content.tracks) else "; where it differs"),
+        time_view=everything(),
+    )
+    return rrb.Vertical(plots, gear, row_shares=[6.0, 0.7 + 0.5 * len(shown)], name="Signals")
+
+
+def _gears(content: Content) -> list[Track]:
+    """The recorded path, the best one, and others whose gears are not those of one before."""
+    recorded, best = content.tracks[0], content.best
+    shown = [recorded] if best is None else [recorded, best]
+    gears = [_directions(track) for track in shown]
+    for track in content.tracks:
+        if track.is_own and track not in shown and _directions(track) not in gears:
+            shown.append(track)
+            gears.append(_directions(track))
+    return shown
+
+
+def _directions(track: Track) -> list[int]:
+    return [segment.direction for segment in track.path.segments]
 
 
 def _convergence(content: Content) -> rrb.Horizontal:
-    shown = ["/scene/legend/paths", *_of(content.tracks[0], "path", "cusps")]
+    shown = ["/scene/legend/paths/**", *_of(content.tracks[0], "path", "cusps")]
     shown += [path for track in content.tracks[1:] if track.iterates for path in _of(track, "iterate")]
     help_line = rrb.TextDocumentView(origin="/report/convergence", name="What this shows")
     first, *rest = (_over_iterations(plot, legend=None) for plot in content.progress)  # the plan view has one
@@ -184,15 +205,17 @@ def _residuals(content: Content) -> rrb.Vertical:
     plots = [_over_iterations(plot, legend=rrb.Corner2D.LeftBottom) for plot in content.residuals]
     half = len(plots) if len(plots) < 4 else (len(plots) + 1) // 2
     rows = [row for row in (plots[:half], plots[half:]) if row]
-    return rrb.Vertical(*(rrb.Horizontal(*row) for row in rows), name="Residuals")
+    help_line = rrb.TextDocumentView(origin="/report/residuals", name="What this shows")
+    shares = [0.55, *(2.0 for _ in rows)]
+    return rrb.Vertical(help_line, *(rrb.Horizontal(*row) for row in rows), row_shares=shares, name="Residuals")
 
 
 def _costs(content: Content, track: Track) -> rrb.Horizontal:
     """What a method that moves points sees, and what became of it."""
     label, legend = track.style.label, max(content.legend, content.cost_legends[track.name])  # both to one scale
     dots = [entity("scene", track.name, "cost", part) for part in ("moved", "anchored")]
-    seen = [entity("scene", "legend", f"cost {track.name}"), *_of(track, "cost")]
-    driven = ["/scene/legend/paths", *_of(content.tracks[0], "path", "cusps"), *dots]
+    seen = [entity("scene", "legend", f"cost {track.name}") + "/**", *_of(track, "cost")]
+    driven = ["/scene/legend/paths/**", *_of(content.tracks[0], "path", "cusps"), *dots]
     outcome = f"the truck's path, {track.status}"
     if track.is_own:
         driven += _of(track, "path", "cusps")
@@ -204,7 +227,7 @@ def _costs(content: Content, track: Track) -> rrb.Horizontal:
 
 
 def _areas(content: Content) -> rrb.Spatial2DView:
-    shown = ["/scene/legend/areas"]
+    shown = ["/scene/legend/areas/**"]
     for track in content.tracks:
         if track.is_own:
             shown += [entity("scene", track.name, "swept", "outline"), *_of(track, "path")]
@@ -216,4 +239,4 @@ def _areas(content: Content) -> rrb.Spatial2DView:
 def _details() -> rrb.Horizontal:
     sheets = ("vehicle", "Vehicle and objective"), ("run", "Log and options"), ("audit", "Audit")
     views = [rrb.TextDocumentView(origin=f"/report/{name}", name=title) for name, title in sheets]
-    return rrb.Horizontal(*views, column_shares=[1.0, 1.0, 1.4], name="Vehicle, options, audit")
+    return rrb.Horizontal(*views, column_shares=[0.75, 1.05, 1.6], name="Vehicle, options, audit")

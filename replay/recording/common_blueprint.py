@@ -46,7 +46,7 @@ def _plan(name: str, shown: list[str]) -> rrb.Spatial2DView:
 
 def _overview(paths: list[str]) -> rrb.Horizontal:
     shown = [f"/scene/{name}/{part}" for name in paths for part in ("path", "cusps/**", "vehicle/**")]
-    plan = _plan("All paths: solid forward, dashed reverse", ["/scene/legend/paths", *shown])
+    plan = _plan("All paths: solid forward, dashed reverse", ["/scene/legend/paths/**", *shown])
     summary = rrb.TextDocumentView(origin="/report/summary", name="Summary")
     plots = [_plot(f"/signals/{name}", _SIGNALS[name]) for name in ("clearance_m", "steering_deg")]
     right = rrb.Vertical(summary, *plots, row_shares=[2.0, 1.0, 1.0])
@@ -55,7 +55,7 @@ def _overview(paths: list[str]) -> rrb.Horizontal:
 
 def _swept(paths: list[str]) -> rrb.Spatial2DView:
     shown = [f"/scene/{name}/{part}" for name in paths for part in ("path", "swept/outline")]
-    return _plan("Swept area", ["/scene/legend/areas", *shown])
+    return _plan("Swept area", ["/scene/legend/areas/**", *shown])
 
 
 def _signals(entities: Iterable[str]) -> rrb.Vertical:

@@ -80,8 +80,8 @@ def residual_plots(tracks: list[Track]) -> list[Plot]:
 
     def plot(name: str) -> Plot:
         return _residual(
-            tracks, ("residuals_log10", name), f"{name} / tolerance", lambda row: row["residuals"].get(name, math.nan)
-        )
+            tracks, ("residuals_log10", name), name, lambda row: row["residuals"].get(name, math.nan)
+        )._replace(title=name)  # the tab says what they are: titles must be short
 
     found = [plot(name) for name in names] if len(names) > 1 else []
     return [plot for plot in found if plot.curves]

@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
+from optim.methods.chain import JOINT
 from replay.recording.text import plain
 from replay.style import Colour
 
@@ -12,13 +13,16 @@ BODIES: Final = ("truck", "trailer")
 OUTSIDE: Final[Colour] = (17, 18, 21)
 """Behind everything."""
 BRIGHT: Final[Colour] = (235, 235, 235)
+LABEL: Final[Colour] = (255, 255, 255)
+"""Of every text in a plan view: what it stands on is dark in a dark viewer and grey in a light one, and no other
+colour can be read on both."""
 points = rr.Radius.ui_points
 """Widths and radii that do not grow when one zooms in."""
 
 
 def entity(*parts: str) -> str:
-    """An entity path from parts of which some come from outside."""
-    return "/" + "/".join(rr.escape_entity_path_part(plain(part)) for part in parts)
+    """An entity path from parts of which some come from outside; a chain's + would be shown escaped, as \\+."""
+    return "/" + "/".join(rr.escape_entity_path_part(plain(part).replace(JOINT, "-")) for part in parts)
 
 
 def image(pixels: np.ndarray, draw_order: float) -> rr.Image:
@@ -31,3 +35,8 @@ def image(pixels: np.ndarray, draw_order: float) -> rr.Image:
         datatype="U8",
         draw_order=draw_order,
     )
+
+
+def label(at: np.ndarray, text: str) -> rr.Points2D:
+    """A text at a place (x, y), on hardly a dot."""
+    return rr.Points2D([at], colors=[LABEL], radii=points(0.5), labels=[plain(text)], show_labels=True, draw_order=45.0)

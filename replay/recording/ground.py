@@ -15,7 +15,7 @@ from optim.problem import Problem
 from optim.scene import Scene
 from optim.vehicle import body_corners
 from replay.case import Case, MapImage
-from replay.recording.entities import OUTSIDE, entity, image, points
+from replay.recording.entities import LABEL, OUTSIDE, entity, image, label, points
 from replay.recording.picture import Frame, closed, fill, obstacle_area, rings
 from replay.recording.text import plain
 from replay.style import Colour
@@ -82,11 +82,11 @@ def log_ends(rec: rr.RecordingStream, problem: Problem) -> None:
             [closed(body) for body in corners],
             colors=[(level, level, level)],
             radii=points(1.0),
-            labels=["", name],  # on the trailer: near the truck there are other labels
-            show_labels=True,
             draw_order=5.0,
         )
         rec.log(f"/scene/ends/{name}", outlines, static=True)
+        middle = corners[1].mean(axis=0)  # of the trailer: near the truck there are other labels
+        rec.log(f"/scene/ends/{name}/label", label(middle, name), static=True)
 
 
 def log_legend(rec: rr.RecordingStream, frame: Frame, entries: list[tuple[str, Colour]], name: str) -> float:
@@ -98,12 +98,15 @@ def log_legend(rec: rr.RecordingStream, frame: Frame, entries: list[tuple[str, C
         x = frame.x0 + (k % 3 + 0.5) * column
         y = frame.y1 + (rows - k // 3) * row - 0.2 * row
         swatches.append([[x - 0.2 * column, y], [x + 0.2 * column, y]])
+    shown = rr.LineStrips2D(swatches, colors=[colour for _, colour in entries], radii=points(3.0), draw_order=61.0)
+    rec.log(entity("scene", "legend", name, "swatches"), shown, static=True)
     legend = rr.LineStrips2D(
         swatches,
-        colors=[colour for _, colour in entries],
-        labels=[plain(label) for label, _ in entries],
-        radii=points(3.0),
+        colors=[LABEL],
+        labels=[plain(text) for text, _ in entries],
+        radii=points(0.5),
         show_labels=True,
+        draw_order=60.0,
     )
     rec.log(entity("scene", "legend", name), legend, static=True)
     return rows * row

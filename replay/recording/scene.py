@@ -12,7 +12,7 @@ from optim.arrays import Array
 from optim.path import Path
 from optim.problem import Problem
 from optim.vehicle import Vehicle, body_poses
-from replay.recording.entities import BODIES, BRIGHT, OUTSIDE, entity, image, points
+from replay.recording.entities import BODIES, BRIGHT, LABEL, OUTSIDE, entity, image, points
 from replay.recording.picture import Frame, closed, fill, rings, strips, thinned
 from replay.recording.text import measured, number, plain
 from replay.recording.tracks import PROGRESS, Track
@@ -146,8 +146,10 @@ def log_failures(rec: rr.RecordingStream, path: str, driven: Path, audit: Mappin
     marks = list(failures(driven, audit))
     if marks:
         places, labels = zip(*marks, strict=True)
-        shown = rr.Points2D(places, colors=[ALARM], radii=points(7.0), labels=labels, show_labels=True, draw_order=50.0)
-        rec.log(path, shown, static=True)
+        shown = rr.Points2D(places, colors=[ALARM], radii=points(7.0), draw_order=50.0)
+        rec.log(f"{path}/marks", shown, static=True)
+        texts = rr.Points2D(places, colors=[LABEL], radii=points(0.5), labels=labels, show_labels=True, draw_order=51.0)
+        rec.log(path, texts, static=True)
 
 
 def log_rejected(rec: rr.RecordingStream, track: Track, frame: Frame) -> None:

@@ -13,12 +13,13 @@ from optim.problem import Problem
 from optim.scene import witnesses
 from replay.recording.entities import entity
 from replay.recording.scene import columns_of
-from replay.recording.text import plain
+from replay.recording.text import count, plain
 from replay.recording.tracks import PROGRESS, Track
 from replay.style import ALARM
 
 FORWARD: Final = (44, 92, 66)
 REVERSE: Final = (112, 66, 44)
+COUNTED: Final = (62, 66, 92)
 
 
 def signals_of(problem: Problem, track: Track) -> Mapping[str, Array]:
@@ -64,7 +65,7 @@ def log_signals(rec: rr.RecordingStream, problem: Problem, tracks: list[Track]) 
             names=[plain(track.style.label)],
             widths=[3.0 if track.status == "recorded" else 2.0],
         )
-        if track.is_own:
+        if track.is_own or track.iterates:
             _log_gear(rec, track)
         for signal, values in signals_of(problem, track).items():
             path = entity("signals", signal, track.name)
@@ -97,12 +98,25 @@ def _log_iterates(rec: rr.RecordingStream, problem: Problem, tracks: list[Track]
 
 
 def _log_gear(rec: rr.RecordingStream, track: Track) -> None:
+    """The gear along the path; on `iteration`, where nothing drives, how often each iterate changes it."""
     path = entity("gear", track.name)
-    gears = ["forward" if segment.direction > 0 else "reverse" for segment in track.path.segments]
-    when = [
-        rr.TimeColumn("progress", sequence=track.progress[track.starts]),
-        rr.TimeColumn("arc_cm", sequence=track.arc_cm[track.starts]),
-    ]
-    rec.send_columns(path, when, rr.StateChange.columns(state=gears))
     names = ["forward", "reverse"]
-    rec.log(path, rr.StateConfiguration(values=names, labels=names, colors=[FORWARD, REVERSE]), static=True)
+    colours = [FORWARD, REVERSE]
+    if track.is_own:
+        gears = ["forward" if segment.direction > 0 else "reverse" for segment in track.path.segments]
+        when = [
+            rr.TimeColumn("progress", sequence=track.progress[track.starts]),
+            rr.TimeColumn("arc_cm", sequence=track.arc_cm[track.starts]),
+        ]
+        rec.send_columns(path, when, rr.StateChange.columns(state=gears))
+    changes = {iterate.iteration: iterate.path.num_cusps for iterate in track.iterates}
+    if track.status == "recorded":
+        changes = {0: track.path.num_cusps}
+    numbers = [number for k, number in enumerate(changes) if k == 0 or changes[number] != list(changes.values())[k - 1]]
+    if numbers:
+        counts = [count(changes[number], "gear change") for number in numbers]
+        column = [rr.TimeColumn("iteration", sequence=numbers)]
+        rec.send_columns(path, column, rr.StateChange.columns(state=counts))
+        names += dict.fromkeys(counts)
+        colours += [COUNTED] * (len(names) - len(colours))
+    rec.log(path, rr.StateConfiguration(values=names, labels=names, colors=colours), static=True)

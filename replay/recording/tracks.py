@@ -70,12 +70,12 @@ class Track:
         return self.run.iterates if self.run is not None else ()
 
 
-def tracks_of(run: "Run") -> list[Track]:
-    """The recorded path, then every method's in the order in which they ran."""
+def tracks_of(run: "Run", looks: Mapping[str, Style] | None = None) -> list[Track]:
+    """The recorded path, then every method's in the order in which they ran; `looks` instead of their own styles."""
     problem = run.case.problem
     path, values, audit = problem.recorded, run.recorded_metrics, run.recorded_audit
     recorded = _track(problem, path, "recorded", RECORDED, "recorded", values, audit)
-    tracks, looks = [recorded], styles(method.name for method in run.methods)
+    tracks, looks = [recorded], looks or styles(method.name for method in run.methods)
     for method in run.methods:
         style = looks[method.name]
         if method.status == "improved":

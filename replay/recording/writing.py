@@ -7,7 +7,7 @@ import json
 import pathlib
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Final
 
 import rerun as rr
@@ -22,7 +22,7 @@ from replay.recording.local import localised
 from replay.recording.picture import frame_around
 from replay.recording.text import change, number, plain
 from replay.recording.tracks import Track, best_of, tracks_of
-from replay.style import Colour
+from replay.style import Colour, Style
 
 if TYPE_CHECKING:
     from replay.run import Run
@@ -46,7 +46,7 @@ def _strict() -> Iterator[None]:
         rr.set_strict_mode(before)
 
 
-def write(run: "Run", path: pathlib.Path) -> None:
+def write(run: "Run", path: pathlib.Path, looks: Mapping[str, Style] | None = None) -> None:
     """Write the recording to a file and read it back. Raises OSError, and Unwritable if the file is not whole.
 
     The recording is collected in memory first, a few megabytes: Rerun's own file sink was seen to wait for ever on
@@ -54,13 +54,13 @@ def write(run: "Run", path: pathlib.Path) -> None:
     """
     identity = recording_id(run)
     run, offset = localised(run)
-    tracks = tracks_of(run)
+    tracks = tracks_of(run, looks)
     with _strict():
         stream = rr.RecordingStream(APPLICATION, recording_id=identity)
         try:
             memory = stream.memory_recording()
             stream.set_log_time_enabled(False)
-            _fill(stream, run, tracks, offset)
+            fill(stream, run, tracks, offset)
             content = memory.drain_as_bytes()
         finally:
             stream.disconnect()
@@ -80,7 +80,7 @@ def _version() -> str:
     return importlib.metadata.version(DISTRIBUTION)
 
 
-def _fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Array) -> None:
+def fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Array) -> None:
     problem, best = run.case.problem, best_of(tracks)
     frame = frame_around(problem.scene, [track.area for track in tracks])
     ground.log_ground(rec, run.case, frame)
@@ -126,6 +126,7 @@ def _log_reports(rec: rr.RecordingStream, run: "Run", tracks: list[Track], best:
     sheets = {
         "summary": summary.summary(run, tracks, best),
         "convergence": summary.convergence_help(tracks),
+        "residuals": summary.residuals_help(),
         "vehicle": summary.vehicle_sheet(run),
         "run": summary.run_sheet(run, _version(), offset),
         "audit": summary.audit_sheet(tracks),

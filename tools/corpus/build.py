@@ -3,18 +3,24 @@
 import dataclasses
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from optim.arrays import Array
 from optim.cover import cover_cells
+from optim.path import sample_segment
 from optim.scene import Scene, make_scene
 from optim.vehicle import Vehicle
 from tools.corpus.grid import Cells, draw_grid
 from tools.corpus.rrt import Found, Search, plan
 from tools.corpus.site import Grid, Site, footprints, ground, place_flat
+from tools.planners.closed_loop import ClosedLoopTree
+from tools.planners.hybrid import HybridAStar
+from tools.planners.protocol import Plan, Planner, Task
 
 MAX_SEEDS = 100
 """So many searches are tried for a site before it counts as impossible."""
@@ -22,6 +28,12 @@ MAX_SEEDS = 100
 
 MIN_EDGES = 4
 """Paths of fewer edges leave nothing to cut short."""
+
+
+PLANNERS: Final[Mapping[str, Planner]] = MappingProxyType(
+    {"CL-RRT": ClosedLoopTree(max_iterations=1500), "Hybrid A*": HybridAStar(max_nodes=120_000)}
+)
+"""The planners beside the RRT that `build` uses; bounded by effort, never by time."""
 
 
 class Poses(NamedTuple):
@@ -65,6 +77,20 @@ def planner_scene(site: Site, cells: Cells | None) -> Scene:
     return make_scene(cover_cells(cells.blocked, cells.resolution, cells.origin), boundary=ground(site))
 
 
+def task_of(site: Site, cells: Cells | None) -> Task:
+    """The site as planners are given it."""
+    start, goal = (place_flat(flat, site.pose) for flat in (site.start, site.goal))
+    return Task(
+        vehicle=planner_vehicle(site.vehicle),
+        scene=planner_scene(site, cells),
+        start=start,
+        goal=goal,
+        areas=site.areas,
+        pose=site.pose,
+        margin=site.clearance,
+    )
+
+
 def build(site: Site, search: Search | None = None, max_seeds: int = MAX_SEEDS) -> Built:
     """Plan the site's path; seeds are tried in order until one gives a path within the site's ranges.
 
@@ -91,6 +117,46 @@ def build(site: Site, search: Search | None = None, max_seeds: int = MAX_SEEDS) 
                 num_cusps=num_cusps(found),
             )
     raise RuntimeError(f"{site.name}: no path with seeds {site.seed} to {site.seed + max_seeds - 1}")
+
+
+def build_with(site: Site, max_seeds: int = MAX_SEEDS) -> Built:
+    """As `build`, by the planner that the site names, without a least number of edges."""
+    cells = draw_grid(site, site.map) if isinstance(site.map, Grid) else None
+    task, planner = task_of(site, cells), PLANNERS[site.planner]
+    for seed in range(site.seed, site.seed + max_seeds):
+        plan = planner.plan(task, seed)
+        if plan is None:
+            continue
+        length, cusps = plan.path.length, plan.path.num_cusps
+        if site.length[0] <= length <= site.length[1] and site.cusps[0] <= cusps <= site.cusps[1]:
+            return Built(
+                site=site,
+                cells=cells,
+                poses=_with_noise(poses_of_plan(task.vehicle, plan, site.spacing), site),
+                seed=seed,
+                iterations=plan.effort,
+                length=length,
+                num_cusps=cusps,
+            )
+    raise RuntimeError(f"{site.name}: {site.planner} has no path with seeds {site.seed} to {site.seed + max_seeds - 1}")
+
+
+def poses_of_plan(vehicle: Vehicle, plan: Plan, spacing: float) -> Poses:
+    """Poses at equal distances between the planner's nodes, rounded as those of `logged_poses`."""
+    states, nodes, begin = [], [0], 0.0
+    for segment in plan.path.segments:
+        inside = plan.nodes[(plan.nodes > begin + 1e-6) & (plan.nodes < begin + segment.length - 1e-6)] - begin
+        stops = [0.0, *inside.tolist(), segment.length]
+        for a, b in itertools.pairwise(stops):
+            count = max(1, math.ceil((b - a) / spacing - 1e-9))
+            found, _ = sample_segment(vehicle, segment, np.linspace(a, b, count + 1))
+            states.append(found if not states else found[1:])
+            nodes.append(nodes[-1] + count)
+        begin += segment.length
+    x, y, theta, alpha = np.concatenate(states).T
+    heading, l_t = theta + alpha, vehicle.hitch_to_axle
+    trailer = np.stack([x - l_t * np.cos(heading), y - l_t * np.sin(heading), heading], axis=1)
+    return Poses(_rounded([np.stack([x, y, theta], axis=1)]), _rounded([trailer]), nodes)
 
 
 def num_cusps(found: Found) -> int:

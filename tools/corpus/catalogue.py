@@ -11,7 +11,8 @@ from typing import Any, Final
 
 from optim.vehicle import Vehicle
 from tools.corpus import families, lots, odd, yards
-from tools.corpus.build import Built, build
+from tools.corpus.build import Built, build, build_with
+from tools.corpus.public import PUBLIC
 from tools.corpus.site import Grid, Site
 from tools.corpus.write import content_digest, to_bytes
 
@@ -36,10 +37,19 @@ SITES: Final[Mapping[str, Callable[[], Site]]] = MappingProxyType(
 )
 """All sites by the names of their logs."""
 
-_WITHOUT_PATH: Final = {"reverse": (5, 7), "narrow": (3, 5, 7)}
-NUMBERS: Final = {kind: [n for n in range(1, 10) if n not in _WITHOUT_PATH.get(kind, ())] for kind in families.CLASSES}
-"""Numbers of the drawn sites of each class; the planner finds no path on those that are left out."""
-FULL: Final = (*(f"{kind}_{n:02d}" for kind, numbers in NUMBERS.items() for n in numbers), *odd.ODD)
+HARD: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "narrow_03": "CL-RRT",
+        "narrow_05": "Hybrid A*",
+        "narrow_07": "CL-RRT",
+        "reverse_05": "CL-RRT",
+        "reverse_07": "Hybrid A*",
+    }
+)
+"""Drawn sites that leave too little room for the RRT's clearance, and the planner that makes their path."""
+DRAWN: Final = tuple(f"{kind}_{n:02d}" for kind in families.CLASSES for n in range(1, 10))
+"""Names of the drawn sites, nine of each class."""
+FULL: Final = (*DRAWN, *PUBLIC, *odd.ODD)
 """Names of the logs of the full corpus, beside the sample logs."""
 
 LIST_NAME = "corpus.toml"
@@ -73,7 +83,12 @@ def make(name: str) -> Made:
         entry = _entry(built, data) | {"title": kind.title, "expect": kind.expect}
         return Made(name=name, data=data, entry=entry)
     kind, _, number = name.rpartition("_")
-    built = families.build_drawn(kind, int(number))
+    if name in PUBLIC:
+        built = build_with(PUBLIC[name])
+    elif name in HARD:
+        built = families.build_hard(kind, int(number), HARD[name])
+    else:
+        built = families.build_drawn(kind, int(number))
     data = to_bytes(built)
     return Made(name=name, data=data, entry=_entry(built, data))
 
@@ -87,6 +102,8 @@ def make_log(site: Site) -> Made:
 
 def _entry(built: Built, data: bytes) -> Entry:
     site = built.site
+    told = {"planner": site.planner} if site.planner != Site.planner else {}
+    told |= {"source": site.source, "licence": site.licence} if site.source else {}
     is_whole = data.endswith(b"\x89MCAP0\r\n")
     return {
         "sha256": hashlib.sha256(data).hexdigest(),
@@ -96,7 +113,7 @@ def _entry(built: Built, data: bytes) -> Entry:
         "title": site.title,
         "special": site.special,
         "map": "grid" if isinstance(site.map, Grid) else "shapes",
-        "vehicle": families.vehicle_name(site.vehicle) if site.name in FULL else _default_or_own(site),
+        "vehicle": _vehicle_of(site),
         "seed": built.seed,
         "poses": len(built.poses.truck),
         "edges": len(built.poses.nodes) - 1,
@@ -104,10 +121,13 @@ def _entry(built: Built, data: bytes) -> Entry:
         "length_m": round(built.length, 2),
         "trailer_path": site.has_trailer_path,
         "path_nodes": site.has_path_nodes,
+        **told,
     }
 
 
-def _default_or_own(site: Site) -> str:
+def _vehicle_of(site: Site) -> str:
+    if site.name in FULL and site.name not in PUBLIC:
+        return families.vehicle_name(site.vehicle)
     return "default" if site.vehicle == Vehicle() else "own"
 
 

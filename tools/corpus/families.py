@@ -17,7 +17,7 @@ import numpy as np
 from optim.scene import clearance, make_scene
 from optim.steering.flat import Flat
 from optim.vehicle import Vehicle, state_from_flat
-from tools.corpus.build import Built, build
+from tools.corpus.build import Built, build, build_with
 from tools.corpus.lots import CITY, LONG
 from tools.corpus.rrt import Search
 from tools.corpus.site import Area, Box, Grid, Obstacle, Shapes, Site, Wall, footprints, ground, place_flat
@@ -39,6 +39,7 @@ TRACTOR = Vehicle(
 VEHICLES: Final = {"default": Vehicle(), "source": SOURCE, "tractor": TRACTOR, "city": CITY}
 _TURNS: Final = ("default", "default", "source", "tractor", "default", "city", "source", "default")
 _FREE = 0.6  # [m]: clearance of start and goal
+_LITTLE = 0.1  # [m]: clearance to keep where there is no room for more
 _UP = math.pi / 2
 _SEARCH = Search(max_iterations=1000)
 
@@ -216,6 +217,22 @@ def build_drawn(kind: str, number: int) -> Built:
         except RuntimeError:
             continue
     raise RuntimeError(f"{kind}_{number:02d}: no path in {MOST_VARIANTS} variants")
+
+
+def build_hard(kind: str, number: int, planner: str) -> Built:
+    """As `build_drawn`, by another planner, and with less clearance to keep: room there is for no more.
+
+    The cells of these sites' grids reach nearer to the backed-up trailer than what the RRT keeps.
+    """
+    for variant in range(MOST_VARIANTS):
+        site = draw_site(kind, number, variant)
+        if site is None:
+            continue
+        try:
+            return build_with(dataclasses.replace(site, planner=planner, cusps=(0, 12), clearance=_LITTLE), 1)
+        except RuntimeError:
+            continue
+    raise RuntimeError(f"{kind}_{number:02d}: no path by {planner} in {MOST_VARIANTS} variants")
 
 
 def draw_site(kind: str, number: int, variant: int) -> Site | None:

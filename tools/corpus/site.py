@@ -158,6 +158,12 @@ class Site:
     """First seed of the planner; those that follow are tried where it finds no path within the ranges above."""
     noise: int = 0
     """Seed of the map's noise, and the hour at which the log was made."""
+    planner: str = "RRT"
+    """Name of the planner that makes the path: one of `tools.corpus.build.PLANNERS`."""
+    source: str = ""
+    """Where the scene is described, if elsewhere, and what was changed."""
+    licence: str = ""
+    """Of that description, an SPDX identifier."""
 
 
 def place(points: Array, pose: Pose) -> Array:

@@ -1,0 +1,297 @@
+"""`replay regress`: every log of a corpus with every method, compared with a baseline; and `replay regress accept`."""
+
+import json
+import math
+import pathlib
+import shlex
+import sys
+from typing import Annotated, Any
+
+from cyclopts import App, Parameter
+
+from optim.methods import METHODS
+from replay.cli.against import time_against
+from replay.cli.console import Common, Voice
+from replay.cli.optimize import MethodFlags, WeightFlags
+from replay.cli.options import UsageError
+from replay.cli.reading import Reading
+from replay.cli.settings import RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags, settled
+from replay.cli.usage import ExitStatus
+from replay.errors import ReplayError
+from replay.files import WRITE_ERROR
+from replay.regress.baseline import Baseline, accepted, default_baseline, read_baseline, write_baseline
+from replay.regress.cluster import CLUSTER_ERROR, check_address, run_on_cluster
+from replay.regress.corpus import Corpus, Known, find_corpus
+from replay.regress.finish import FINISH_ERROR
+from replay.regress.pool import run_here
+from replay.regress.reports.history import SUMMARY
+from replay.regress.running import Execute, Plan, carry_out, end, resumed, start
+from replay.regress.selection import select
+from replay.regress.settings import Recordings, Settings
+from replay.regress.store import Store
+
+_FLAT = Parameter(name="*")
+_SHORT = (WRITE_ERROR, FINISH_ERROR, CLUSTER_ERROR)
+"""Errors that come when the work is done: it fell short, rather than that it could not be begun."""
+
+regress = App(name="regress", help_format="plaintext")
+
+
+@regress.default
+def run(
+    corpus: str,
+    /,
+    *,
+    method: Annotated[list[str] | None, Parameter(negative=())] = None,
+    tag: Annotated[list[str] | None, Parameter(negative=())] = None,
+    only: Annotated[list[str] | None, Parameter(negative=())] = None,
+    baseline: pathlib.Path | None = None,
+    out: pathlib.Path = pathlib.Path("runs"),
+    resume: Annotated[bool, Parameter(negative=())] = False,
+    against: str | None = None,
+    jobs: int = 2,
+    scheduler: str | None = None,
+    recordings: Recordings = "changed",
+    seed: int | None = None,
+    time_limit: float = 120.0,
+    memory_limit: int = 4096,
+    config: pathlib.Path | None = None,
+    set_: Annotated[list[str] | None, Parameter(name="--set", negative=())] = None,
+    shuffle: int | None = None,
+    common: Annotated[Common | None, _FLAT] = None,
+    reading: Annotated[Reading | None, _FLAT] = None,
+    weights: Annotated[WeightFlags | None, _FLAT] = None,
+    options: Annotated[MethodFlags | None, _FLAT] = None,
+) -> int:
+    """Run every log of a corpus through every method, compare with a baseline, and write reports.
+
+    Exit status 0 if nothing is worse than the baseline; 1 if something is worse, missing or crashed; 3 if logs could
+    not be read of which nothing is known; 130 on Ctrl-C, and the same command with --resume does the rest.
+
+    Parameters
+    ----------
+    corpus
+        A folder (with all below it), a glob, a file with one path on each line, or s3://BUCKET/PREFIX.
+    method
+        A method to run, by name, or some joined by +; may be given several times. By default those that corpus.toml
+        names, else all. A run of some methods is partial: it cannot become the baseline.
+    tag
+        Run only logs that have this tag or class in corpus.toml; may be given several times. Makes the run partial.
+    only
+        Run only logs whose name fits this pattern, as 'full/odd_*'; may be given several times. Makes the run partial.
+    baseline
+        File to compare with; by default baseline.json in the corpus's folder.
+    out
+        Folder in which runs are kept, each in a folder named by time and revision.
+    resume
+        Do the rest of the newest unfinished run of this corpus with these options.
+    against
+        Also time this version and another one in turns, on every log: the folder of an installed environment, or a git
+        revision. Exit status 1 if this one is slower for certain.
+    jobs
+        Number of logs that are worked on at a time.
+    scheduler
+        Work on a Dask cluster instead: tcp://127.0.0.1:PORT or tls://HOST:PORT. Needs the extra `cluster`; the folder
+        of the run must be one that all workers see.
+    recordings
+        Which cases get a recording; changed: those that are not the same as in the baseline.
+    seed
+        Seed for every method that has one.
+    time_limit
+        Time that each method has for a case [s], compiling not counted. A watchdog; what ends by it may differ from
+        run to run.
+    memory_limit
+        Memory that the process of a log, and that of its methods, may use [MiB].
+    config
+        TOML file with options, as for `replay optimize`.
+    set_
+        One option as GROUP.OPTION=VALUE, as for `replay optimize`; may be given several times.
+    shuffle
+        Work on the logs in the random order of this seed. Results do not depend on it.
+    """
+    voice = Voice(common or Common())
+    _check(time_limit, jobs)
+    if scheduler is not None:
+        check_address(scheduler)
+    found = find_corpus(corpus)
+    limits: Layer = {RUN: {"time_limit": time_limit, "memory_limit": memory_limit}}
+    given: Layer = {RUN: ({"method": tuple(method)} if method else {}) | ({} if seed is None else {"seed": seed})}
+    layers = [limits] + ([] if config is None else [layer_of_file(config)])
+    layers += [layer_of_assignments(set_ or ()), given, layer_of_flags(None, reading, weights, options)]
+    settings, named = _settings(layers, found, recordings)
+    logs, partial = select(found, named, tag or (), only or ())
+    plan = Plan(
+        corpus=found.path,
+        logs=logs,
+        known=found.known,
+        settings=settings,
+        baseline=default_baseline(baseline, found.baseline),
+        partial=partial,
+        partial_methods=bool(named),
+        shuffle=shuffle,
+    )
+    store = resumed(plan, out) if resume else start(plan, out)
+    status = _carried_out(voice, plan, store, out, _executor(scheduler, jobs))
+    if against is None or status in (ExitStatus.INTERRUPTED, ExitStatus.USAGE):
+        return status
+    return ExitStatus.SHORT if time_against(voice, plan, store, against) else status
+
+
+@regress.command
+def accept(
+    run: pathlib.Path,
+    /,
+    *,
+    baseline: pathlib.Path | None = None,
+    common: Annotated[Common | None, _FLAT] = None,
+) -> int:
+    """Make a run the baseline: print every change against the present one, and write it.
+
+    A run that is unfinished or partial is refused. What a known issue covers keeps the figures that it had.
+
+    Parameters
+    ----------
+    run
+        Folder of the run.
+    baseline
+        File to write; by default that with which the run was compared.
+    """
+    voice = Voice(common or Common())
+    store = Store(run)
+    head = store.head()
+    file = _to_write(run, head, baseline)
+    before = read_baseline(file) if file.exists() else Baseline()
+    known = [Known(**issue) for issue in head.get("known") or ()]
+    made, changes = accepted(before, store.documents(), known, head)
+    lost = sorted(before.logs.keys() - made.logs.keys())
+    voice.show(*(_changed(entry) for entry in changes), *(f"out: {name}" for name in lost))
+    write_baseline(file, made)
+    voice.show(f"wrote {file}: {len(made.logs)} logs; {len(changes)} changes, {len(lost)} logs out")
+    about = {"schema": "replay.accept/1", "exit_status": 0, "baseline": str(file)}
+    voice.document(about | {"changes": changes, "out": lost})
+    return ExitStatus.OK
+
+
+def _to_write(run: pathlib.Path, head: dict[str, Any], baseline: pathlib.Path | None) -> pathlib.Path:
+    """The file that accepting a run writes. UsageError where the run is not fit to be a baseline."""
+    if head.get("partial"):
+        raise UsageError(f"{run}: a partial run ({head['partial']}) cannot become the baseline")
+    if not head.get("complete"):
+        raise UsageError(f"{run}: an unfinished run cannot become the baseline; --resume does the rest")
+    if baseline is None and not head.get("accept_to"):
+        raise UsageError(f"{run}: was compared with no file; name one: --baseline FILE")
+    return baseline or pathlib.Path(head["accept_to"])
+
+
+def _changed(entry: dict[str, Any]) -> str:
+    """One change, in one line."""
+    where = " ".join(filter(None, (entry["case"] or entry["log"], entry["method"])))
+    if entry["verdict"] == "new":
+        return f"new: {where}: {entry['key']} {_shown(entry['after'])}"
+    return f"{entry['verdict']}: {where}: {entry['key']} {_shown(entry['before'])} → {_shown(entry['after'])}"
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def _check(time_limit: float, jobs: int) -> None:
+    if not 0.0 < time_limit < math.inf:
+        raise UsageError(f"--time-limit is {time_limit:g}, expected more than 0 s")
+    if not 1 <= jobs <= 1024:
+        raise UsageError(f"--jobs is {jobs}, expected 1 to 1024")
+
+
+def _settings(layers: list[Layer], corpus: Corpus, recordings: Recordings) -> tuple[Settings, tuple[str, ...]]:
+    """The settings of a run, and the methods that were asked for: else those that the corpus names, else all."""
+    made = settled(layers)
+    named = made.run.method or ()
+    if not named:
+        wanted = dict.fromkeys(name for log in corpus.logs for name in log.methods or METHODS)
+        made = settled([*layers, {RUN: {"method": tuple(wanted)}}])
+    settings = Settings(
+        methods=made.methods,
+        read=made.read,
+        weights=made.weights,
+        seed=made.run.seed,
+        time_limit=made.run.time_limit,
+        memory_limit=made.run.memory_limit,
+        recordings=recordings,
+    )
+    return settings, named
+
+
+def _executor(scheduler: str | None, jobs: int) -> Execute:
+    if scheduler is not None:
+        return lambda waiting: run_on_cluster(waiting, scheduler)
+    return lambda waiting: run_here(waiting, jobs)
+
+
+def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, execute: Execute) -> int:
+    """Do a run, or its rest, and say what came of it; the exit status."""
+    from replay.regress.bar import Bar
+
+    voice.note(f"{store.folder}: {len(plan.logs)} logs, {', '.join(plan.settings.methods)}")
+    try:
+        with Bar(voice.people, enabled=voice.wants_progress) as bar:
+            carry_out(plan, store, execute, bar.outcome)
+        said = end(store, out, _accept(plan, store))
+    except KeyboardInterrupt:
+        voice.error(f"interrupted; what was finished is kept in {store.folder}")
+        voice.error(f"the rest: {_again()}")
+        return ExitStatus.INTERRUPTED
+    except ReplayError as error:
+        if error.code not in _SHORT:
+            raise
+        voice.error(str(error))
+        return ExitStatus.SHORT
+    return _told(voice, plan, store, said)
+
+
+def _told(voice: Voice, plan: Plan, store: Store, said: Any) -> ExitStatus:
+    """Say what a run amounts to: the verdict first, what to do last."""
+    voice.show(said["headline"])
+    voice.show(*(f"  {line}" for line in said["failing"]))
+    if said["failing_more"]:
+        voice.show(f"  and {said['failing_more']} more")
+    voice.show(*(f"  known: {line}" for line in said["known"]), *(f"  {line}" for line in said["passing"]))
+    for line in (*said["unread"], *(f"left out: {line}" for line in said["damaged"])):
+        voice.error(line)
+    if said["other_options"]:
+        voice.note("the baseline was made with other options")
+    voice.show(f"report: {store.folder / 'report.html'}")
+    status = _status(said)
+    if voice.common.json:
+        document = {key: said[key] for key in ("headline", "failing", "known", "passing", "unread", "files")}
+        about = {"schema": "replay.regress/1", "exit_status": int(status), "run": str(store.folder)}
+        voice.document(about | document | {"summary": json.loads((store.folder / SUMMARY).read_text())})
+    if said["state"] in ("failed", "unjudged"):
+        voice.note(_advice(plan, store, said["state"]))
+    return status
+
+
+def _status(said: Any) -> ExitStatus:
+    if said["state"] == "failed":
+        return ExitStatus.SHORT
+    return ExitStatus.PARTIAL if said["unread"] or said["damaged"] else ExitStatus.OK
+
+
+def _accept(plan: Plan, store: Store) -> str:
+    """The command that makes a run the baseline; empty for a partial one."""
+    if plan.partial:
+        return ""
+    words = ["replay", "regress", "accept", str(store.folder)]
+    return shlex.join(words if plan.baseline is not None else [*words, "--baseline", "FILE"])
+
+
+def _advice(plan: Plan, store: Store, state: str) -> str:
+    if plan.partial:
+        whole = shlex.join(["replay", "regress", plan.corpus])
+        return f"a partial run ({plan.partial}) cannot become the baseline; the whole: {whole}"
+    why = "if this is as it should be" if state == "failed" else "there is no baseline yet; to make this run the one"
+    return f"{why}: {_accept(plan, store)}"
+
+
+def _again() -> str:
+    words = [word for word in sys.argv[1:] if word != "--resume"]
+    return shlex.join(["replay", *words, "--resume"])

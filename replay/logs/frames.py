@@ -1,0 +1,136 @@
+"""Coordinate frames: what the log's transforms say about how one lies in another, where that does not change."""
+
+import dataclasses
+from collections import deque
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from optim.arrays import Array, frozen
+from replay.errors import printable
+from replay.logs.content import PoseSeries, Transform
+from replay.logs.planar import NORM_REFUSED, Refusal, rotation
+from replay.logs.topics import Topic
+
+STILL = 1e-6
+"""Transforms between two frames that differ by less are the same [m, or of a quaternion's parts]."""
+MOST_FRAMES = 10_000
+"""Most pairs of frames that are looked at."""
+
+
+def frame_name(frame: str) -> str:
+    """A frame without the leading slash of ROS 1."""
+    return frame.removeprefix("/")
+
+
+class Frames:
+    """The transforms of a log. They are decoded only when two frames differ."""
+
+    def __init__(self, topics: Sequence[Topic]) -> None:
+        self._topics = [topic for topic in topics if topic.family.role == "transforms"]
+
+    @cached_property
+    def _links(self) -> dict[tuple[str, str], Array | None]:
+        """Pose of the second frame in the first, shape (7,), by pairs; None where it changes in the log."""
+        links: dict[tuple[str, str], Array | None] = {}
+        for transform in self.every():
+            pair = frame_name(transform.header.frame), frame_name(transform.child)
+            known = links.setdefault(pair, transform.pose)
+            if known is not None and known is not transform.pose and not np.abs(known - transform.pose).max() <= STILL:
+                links[pair] = None
+            if len(links) > MOST_FRAMES:
+                raise Refusal("E_FRAME", f"its transforms name more than {MOST_FRAMES} pairs of frames")
+        return links
+
+    def every(self) -> Iterable[Transform]:
+        """All transforms of the log, topic by topic. Raises LogError."""
+        for topic in self._topics:
+            for index in range(len(topic.messages)):
+                yield from topic.decode(index)
+
+    def moved(self, poses: Array, source: str, target: str) -> Array:
+        """Poses (n, 7) that are given in frame `source`, in frame `target`.
+
+        Raises:
+            Refusal: the log does not say how the frames lie to each other, or they move.
+        """
+        for link, is_forward in self._way(source, target):
+            turn, shift = _checked(link)
+            if is_forward:  # from the frame that is described to the one in which it is
+                place = poses[:, :3] @ rotation(turn).T + shift
+            else:
+                place = (poses[:, :3] - shift) @ rotation(turn)
+                turn = turn * [-1.0, -1.0, -1.0, 1.0]
+            poses = np.column_stack([place, _product(turn, poses[:, 3:])])
+        return poses
+
+    def _way(self, source: str, target: str) -> list[tuple[Array, bool]]:
+        """Links to follow from a frame to another, and for each whether it leads from child to parent."""
+        beside: dict[str, list[tuple[str, Array | None, bool]]] = {}
+        for (parent, child), pose in self._links.items():
+            beside.setdefault(child, []).append((parent, pose, True))
+            beside.setdefault(parent, []).append((child, pose, False))
+        ways: dict[str, list[tuple[Array, bool]]] = {source: []}
+        todo, moving = deque([source]), False
+        while todo and target not in ways:
+            here = todo.popleft()
+            for there, pose, is_forward in beside.get(here, []):
+                if pose is None:
+                    moving |= there == target or here == target
+                elif there not in ways:
+                    ways[there] = [*ways[here], (pose, is_forward)]
+                    todo.append(there)
+        if target not in ways:
+            why = "they move against each other" if moving else "no static transform between them is in the log"
+            raise Refusal("E_FRAME", f"frames {printable(source, 60)!r} and {printable(target, 60)!r}: {why}")
+        return ways[target]
+
+
+def in_frame(series: PoseSeries, target: str, where: str, frames: Frames) -> tuple[PoseSeries, list[str]]:
+    """A path in another frame, and notes. `where`: what is in that frame, for errors.
+
+    Raises:
+        Refusal: it names several frames, or none, or one that the log does not relate to `target`.
+    """
+    named = sorted({frame_name(frame) for frame in (series.header.frame, *(series.frames - {""}))})
+    if not target and named == [""]:
+        raise Refusal("E_FRAME", f"neither it nor {where} names its frame (frame_id is empty)")
+    others = [frame for frame in named if frame != target]
+    if not others:
+        return series, []
+    text = f"it is in frame {printable(others[0], 60)!r} and {where} in {printable(target, 60)!r}"
+    if len(named) > 1 or not others[0] or not target:
+        raise Refusal("E_FRAME", f"{text}, expected one frame for both")
+    try:
+        poses = frozen(frames.moved(series.poses, others[0], target))
+    except Refusal as error:
+        raise Refusal(error.code, f"{text}, expected one frame for both, or a static transform ({error})") from None
+    note = f"it is in frame {printable(others[0], 60)!r}; a transform of the log puts it into {printable(target, 60)!r}"
+    header = series.header._replace(frame=target)
+    return dataclasses.replace(series, header=header, frames=frozenset(), poses=poses), [note]
+
+
+def _checked(pose: Array) -> tuple[Array, Array]:
+    """Unit quaternion and position of a transform. Raises Refusal."""
+    if not np.isfinite(pose).all():
+        raise Refusal("E_NONFINITE", "a transform holds a value that is not finite")
+    norm = float(np.linalg.norm(pose[3:]))
+    if abs(norm - 1.0) > NORM_REFUSED:
+        raise Refusal("E_QUATERNION", f"a transform's quaternion has the norm {norm:.6g}, expected 1")
+    return pose[3:] / norm, pose[:3]
+
+
+def _product(left: Array, right: Array) -> Array:
+    """Quaternion products of one with each of several, x, y, z, w. right: (n, 4). Shape (n, 4)."""
+    x, y, z, w = left
+    a, b, c, d = right.T
+    return np.stack(
+        [
+            w * a + x * d + y * c - z * b,
+            w * b - x * c + y * d + z * a,
+            w * c + x * b - y * a + z * d,
+            w * d - x * a - y * b - z * c,
+        ],
+        axis=1,
+    )

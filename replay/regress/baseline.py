@@ -1,0 +1,133 @@
+"""The baseline: what a run is compared with; one file beside the corpus, written only by `replay regress accept`."""
+
+import json
+import os
+import pathlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from replay.errors import ReplayError
+from replay.files import atomic_write
+from replay.regress.compare import Entry, baseline_entry, compare_log
+from replay.regress.corpus import Known
+from replay.results import plain
+from replay.strict_json import JsonError, read_json
+
+BASELINE_ERROR = "E_BASELINE"
+SCHEMA = "replay.baseline/1"
+_LARGEST = 512 * 2**20  # [bytes]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Baseline:
+    """The figures of a run that was accepted."""
+
+    created: str = ""
+    revision: str = ""
+    options: str = ""
+    """Fingerprint of the options with which it was made."""
+    logs: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """By the log's name, as `compare.baseline_entry` gives them."""
+
+
+def read_baseline(path: str | os.PathLike[str]) -> Baseline:
+    """The baseline in a file. ReplayError (E_BASELINE), one line, for what is none."""
+    try:
+        document = read_json(path, _LARGEST)
+    except JsonError as error:
+        raise ReplayError(BASELINE_ERROR, f"{os.fspath(path)}: {error}") from None
+    wrong = _wrong(document)
+    if wrong:
+        raise ReplayError(BASELINE_ERROR, f"{os.fspath(path)}: no {SCHEMA} file: {wrong}")
+    words = {key: str(document.get(key) or "") for key in ("created", "revision", "options")}
+    return Baseline(**words, logs=document["logs"])
+
+
+def _wrong(document: Any) -> str:
+    """What is wrong with a document; empty for a baseline."""
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        return "it has another schema"
+    logs = document.get("logs")
+    if not isinstance(logs, dict):
+        return "logs is missing"
+    for name, entry in logs.items():
+        cases = entry.get("cases") if isinstance(entry, dict) else None
+        if not isinstance(cases, dict):
+            return f"logs.{name[:60]}.cases is missing"
+        for methods in cases.values():
+            if not isinstance(methods, dict) or not all(isinstance(figures, dict) for figures in methods.values()):
+                return f"logs.{name[:60]} holds no figures by case and method"
+    return ""
+
+
+def write_baseline(path: str | os.PathLike[str], baseline: Baseline) -> None:
+    """Write a baseline, whole or not at all, each result on a line of its own so that changes can be reviewed."""
+    head = {"created": baseline.created, "revision": baseline.revision, "options": baseline.options, "schema": SCHEMA}
+    lines = ["{"] + [f" {json.dumps(key)}: {json.dumps(value)}," for key, value in sorted(head.items())]
+    lines.append(' "logs": {')
+    logs = [_log_lines(name, plain(baseline.logs[name])) for name in sorted(baseline.logs)]
+    lines += [",\n".join(logs), " }", "}"]
+    content = "\n".join(lines).encode("utf-8", "backslashreplace") + b"\n"
+    with atomic_write(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def _log_lines(name: str, entry: Mapping[str, Any]) -> str:
+    about = {key: value for key, value in sorted(entry.items()) if key != "cases"}
+    cases = [
+        f"    {json.dumps(number)}: {{"
+        + ",".join(f"\n     {json.dumps(m)}: {json.dumps(f, sort_keys=True)}" for m, f in sorted(methods.items()))
+        + "}"
+        for number, methods in sorted(entry["cases"].items())
+    ]
+    fields = [f"   {json.dumps(key)}: {json.dumps(value)}," for key, value in about.items()]
+    fields.append('   "cases": {' + ("\n" + ",\n".join(cases) if cases else "") + "}")
+    return "\n".join([f"  {json.dumps(name)}: {{", *fields, "  }"])
+
+
+def accepted(
+    before: Baseline, documents: Iterable[Mapping[str, Any]], known: Sequence[Known], head: Mapping[str, Any]
+) -> tuple[Baseline, list[Entry]]:
+    """The baseline that a run makes, and every change against the one before.
+
+    What a known issue covers keeps the figures that it had: else the issue would be what is expected from now on.
+    """
+    logs: dict[str, Mapping[str, Any]] = {}
+    changes: list[Entry] = []
+    for document in documents:
+        old = before.logs.get(document["log"])
+        entries = compare_log(document, old, known)
+        changes += [entry for entry in entries if entry["verdict"] != "same"]
+        logs[document["log"]] = _kept(baseline_entry(document), old, entries)
+    about = {key: str(head.get(key) or "") for key in ("created", "revision", "options_fingerprint")}
+    made = Baseline(
+        created=about["created"], revision=about["revision"], options=about["options_fingerprint"], logs=logs
+    )
+    return made, changes
+
+
+def _kept(entry: Entry, old: Mapping[str, Any] | None, entries: Iterable[Entry]) -> Mapping[str, Any]:
+    """A log's entry with the old figures of what is known."""
+    for change in entries:
+        if change["verdict"] != "known" or old is None:
+            continue
+        if not change["case"]:
+            return old
+        number = change["case"].rpartition("/")[2]
+        figures = old["cases"].get(number, {}).get(change["method"])
+        if figures is not None and change["key"] == "status":
+            entry["cases"].setdefault(number, {})[change["method"]] = figures
+        elif figures is not None and change["key"] in figures:
+            entry["cases"][number][change["method"]][change["key"]] = figures[change["key"]]
+    return entry
+
+
+def default_baseline(given: pathlib.Path | None, corpus: str | None) -> pathlib.Path | None:
+    """The file that a run is compared with: the given one, which must be there, else the corpus's, if there is one."""
+    if given is not None:
+        if not given.is_file():
+            hint = "leave --baseline out, and accept the run with it"
+            raise ReplayError(BASELINE_ERROR, f"--baseline {given}: no such file; for a first baseline {hint}")
+        return given
+    return pathlib.Path(corpus) if corpus is not None else None

@@ -1,0 +1,149 @@
+"""Working on many logs on a Dask cluster. Needs the extra `cluster`.
+
+Tasks give back what became of a log, never its results, which are files by then: a worker that dies has nothing to
+lose but the log it was at, and Dask gives that to another one. Futures are released as they end, and only some are
+outstanding at a time, so that neither scheduler nor coordinator grows with the number of logs. The run's folder must be
+on storage that all workers see.
+"""
+
+import atexit
+import contextlib
+import ipaddress
+import logging
+import threading
+import urllib.parse
+import uuid
+from collections.abc import Generator, Iterable
+from typing import Any
+
+from replay.errors import ReplayError
+from replay.regress.slot import Slot
+from replay.regress.work import Job, Outcome, publish_error
+
+CLUSTER_ERROR = "E_CLUSTER"
+OUTSTANDING = 4
+"""Tasks for each thread of the cluster that are submitted at a time."""
+_CONNECT_S = 15
+_WORKERS_S = 60
+
+
+def check_address(address: str) -> None:
+    """ReplayError (E_CLUSTER), one line, unless a scheduler's address is of this machine alone, or of TLS.
+
+    Who can connect to a scheduler can run code there and on every worker, and plain TCP does not ask who it is.
+    """
+    scheme, host = _parts(address)
+    if scheme == "tls" and host:
+        return
+    if scheme == "tcp" and _is_loopback(host):
+        return
+    expected = "expected tcp://127.0.0.1:PORT (this machine alone) or tls://HOST:PORT"
+    why = "; plain TCP lets everybody who can connect run code" if scheme == "tcp" and host else ""
+    raise ReplayError(CLUSTER_ERROR, f"--scheduler {address}: {expected}{why}")
+
+
+def _parts(address: str) -> tuple[str, str]:
+    """Scheme and host; empty where the address has none, or no port that can be one."""
+    try:
+        parts = urllib.parse.urlsplit(address)
+        return (parts.scheme, parts.hostname or "") if parts.port else ("", "")
+    except ValueError:
+        return "", ""
+
+
+def _is_loopback(host: str) -> bool:
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_loopback
+    return host == "localhost"
+
+
+def run_on_cluster(jobs: Iterable[Job], address: str) -> Generator[Outcome]:
+    """Do jobs on the workers of a scheduler; outcomes come as they come.
+
+    Raises ReplayError (E_CLUSTER) where the address is refused, nobody answers there, or the scheduler goes away.
+    """
+    check_address(address)
+    distributed = _distributed()
+    for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what it has to say ends in our own lines
+    waiting = iter(jobs)
+    with contextlib.ExitStack() as stack:
+        client = stack.enter_context(_connected(distributed, address))
+        ended = distributed.as_completed(loop=client.loop)
+        at: dict[str, Job] = {}
+
+        def submit() -> None:
+            job = next(waiting, None)
+            if job is not None:
+                key = f"replay-{uuid.uuid4().hex}"
+                future = client.submit(_do, job, key=key, pure=False)
+                at[key] = job
+                ended.add(future)
+
+        for _ in range(OUTSTANDING * max(1, sum(client.nthreads().values()))):
+            submit()
+        while at:
+            future = next(ended)
+            outcome = _outcome(future, at.pop(future.key))
+            future.release()
+            del future
+            submit()
+            yield outcome
+
+
+def _outcome(future: Any, job: Job) -> Outcome:
+    if future.status == "finished":
+        return Outcome(name=job.log.name, state=future.result())
+    if future.status == "cancelled":
+        raise ReplayError(CLUSTER_ERROR, "the scheduler has gone; what was finished is kept, --resume does the rest")
+    error = future.exception()
+    if type(error).__name__ == "KilledWorker":
+        return publish_error(job, "E_CRASHED", "the workers that had this log have died, several in a row")
+    words = " ".join(str(error).split())
+    raise ReplayError(CLUSTER_ERROR, f"{job.log.name}: a worker failed: {type(error).__name__}: {words}")
+
+
+def _connected(distributed: Any, address: str) -> Any:
+    """A client, once there is a worker."""
+    tls = address.startswith("tls:")
+    security = distributed.Security(require_encryption=True) if tls else None
+    try:
+        client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False, security=security)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        words = " ".join(str(error).split())
+        raise ReplayError(CLUSTER_ERROR, f"--scheduler {address}: no connection: {words}") from error
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS_S)
+    except TimeoutError as error:
+        client.close()
+        raise ReplayError(CLUSTER_ERROR, f"--scheduler {address}: no worker came in {_WORKERS_S} s") from error
+    return client
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError as error:
+        hint = "pip install 'truck-trailer-replay[cluster]'"
+        raise ReplayError(CLUSTER_ERROR, f"--scheduler needs the extra cluster: {hint}") from error
+    return distributed
+
+
+# ---- on a worker
+
+_here = threading.local()
+
+
+def _do(job: Job) -> str:
+    """Do a job in the process that this thread of the worker keeps for it; what became of the log.
+
+    Another run gets another process, since the program may have changed in the meantime.
+    """
+    slot = getattr(_here, "slot", None)
+    if slot is None:
+        slot = _here.slot = Slot()
+        atexit.register(slot.end)
+    elif _here.folder != job.folder:
+        slot.end()
+    _here.folder = job.folder
+    return slot.run(job).state

@@ -1,0 +1,185 @@
+"""A log's results against the baseline's, its declared expectation and the known issues; each finding a plain entry."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from replay.regress.corpus import Known
+from replay.regress.gate import Metric, Value, metrics_of
+from replay.regress.reports.model import FAILING
+
+Entry = dict[str, Any]
+CRASHES = ("E_CRASHED", "E_HUNG", "E_INTERNAL", "E_MEMORY")
+"""Codes of logs on which the program itself, not the log, was at fault."""
+
+
+def compare_log(
+    document: Mapping[str, Any],
+    before: Mapping[str, Any] | None,
+    known: Sequence[Known] = (),
+    *,
+    whole: bool = True,
+) -> list[Entry]:
+    """What a log's document says against the baseline's entry of it (`baseline_entry`), entries of verdicts.json.
+
+    `whole`: all methods were run, so that one of the baseline that is not there is missing, and the declared
+    expectation can be judged.
+    """
+    before = before or {}
+    if document.get("error") is not None:
+        found = [_refused(document, before)]
+    else:
+        note = ""
+        if before.get("sha256") not in (None, document.get("sha256")):
+            note, before = "the log is another than the baseline's", {}
+        found = [*_results(document, before, note, whole), *(_expectation(document, before) if whole else ())]
+    return [_excused(entry, known) for entry in found]
+
+
+def missing_log(name: str, known: Sequence[Known] = ()) -> Entry:
+    """A log of the baseline that is not in the run."""
+    return _excused(_entry(name, key="log", before="there", after=None, verdict="missing"), known)
+
+
+def gone(known: Iterable[Known], names: Iterable[str], found: Iterable[Mapping[str, Any]]) -> list[Entry]:
+    """An entry for each known issue that no longer shows on the logs that were worked on."""
+    names = list(names)
+    shown = [entry for entry in found if entry["verdict"] == "known"]
+    passing = []
+    for issue in known:
+        logs = [name for name in names if issue.concerns(name)]
+        if logs and not any(issue.covers(e["log"], e["method"], e["key"]) for e in shown):
+            method = "" if "*" in issue.method else issue.method
+            note = f"the known issue passes; take it out of corpus.toml: {issue.note}".rstrip(": ")
+            passing.append(
+                _entry(logs[0], method=method, key="known issue", after="passes", verdict="better", note=note)
+            )
+    return passing
+
+
+def baseline_entry(document: Mapping[str, Any]) -> Entry:
+    """What a baseline keeps of a log's document: the figures that are compared."""
+    error = document.get("error")
+    if error is not None:
+        return {"sha256": document.get("sha256"), "error": error["code"], "cases": {}}
+    cases = {
+        _number(case): {m["name"]: {metric.key: metric.value for metric in metrics_of(m)} for m in case["methods"]}
+        for case in document["cases"]
+    }
+    return {"sha256": document.get("sha256"), "error": None, "cases": cases}
+
+
+def worst(entries: Iterable[Mapping[str, Any]]) -> str:
+    """crashed, worse (also for what is missing) or same."""
+    verdicts = {entry["verdict"] for entry in entries}
+    if "crashed" in verdicts:
+        return "crashed"
+    return "worse" if verdicts & FAILING else "same"
+
+
+def _number(case: Mapping[str, Any]) -> str:
+    """Of a request within its log."""
+    return case["case"].rpartition("/")[2]
+
+
+def _refused(document: Mapping[str, Any], before: Mapping[str, Any]) -> Entry:
+    """A log that could not be used."""
+    code, expect = document["error"]["code"], document.get("expect") or ""
+    message = document["error"]["message"]
+    was = before.get("error") or ("read" if before.get("cases") else None) or expect or None
+    if code == expect or (was == code and code not in CRASHES):
+        verdict = "same" if before else "new"
+    elif code in CRASHES:
+        verdict = "same" if was == code else "crashed"
+    else:
+        verdict = "new" if was is None else "worse"
+    note = message if verdict in FAILING else ""
+    return _entry(document["log"], key="error", before=was, after=code, verdict=verdict, note=note)
+
+
+def _results(document: Mapping[str, Any], before: Mapping[str, Any], note: str, whole: bool) -> list[Entry]:
+    found = []
+    cases = dict(before.get("cases") or {})
+    for case in document["cases"]:
+        methods = dict(cases.pop(_number(case), {}))
+        for method in case["methods"]:
+            where = {"case": case["case"], "method": method["name"]}
+            found += _method(document["log"], where, method, methods.pop(method["name"], {}), note)
+        if whole:
+            found += [
+                _entry(document["log"], case=case["case"], method=m, key="result", before="there", verdict="missing")
+                for m in methods
+            ]
+    for number in cases:
+        name = f"{document['log']}/{number}"
+        found.append(_entry(document["log"], case=name, key="case", before="there", verdict="missing"))
+    return found
+
+
+def _method(
+    log: str, where: Mapping[str, str], method: Mapping[str, Any], before: Mapping[str, Value], note: str
+) -> list[Entry]:
+    """All figures of one result; of one that crashed, that alone."""
+    metrics = metrics_of(method)
+    if method["status"] == "failed" and before.get("status") != "failed":
+        status = metrics[0]
+        reason = str(method.get("reason") or "")
+        return [_measured(log, where, status, before.get("status"), "crashed", reason)]
+    return [_measured(log, where, m, before.get(m.key), m.verdict(before.get(m.key)), note) for m in metrics]
+
+
+def _measured(log: str, where: Mapping[str, str], metric: Metric, before: Value, verdict: str, note: str) -> Entry:
+    figures = {"unit": metric.unit, "direction": metric.direction, "rel_tol": metric.rel_tol, "abs_tol": metric.abs_tol}
+    return _entry(log, **where, key=metric.key, before=before, after=metric.value, verdict=verdict, note=note) | figures
+
+
+def _expectation(document: Mapping[str, Any], before: Mapping[str, Any]) -> list[Entry]:
+    """What the corpus declares of a log that could be read."""
+    expect = document.get("expect") or ""
+    if before.get("error"):
+        was = before["error"]
+        return [_entry(document["log"], key="error", before=was, after="read", verdict=_read_after_all(was, expect))]
+    if expect.startswith("E_"):
+        return [_entry(document["log"], key="expect", before=expect, after="read", verdict="worse", note=_DECLARED)]
+    found = []
+    for case in document["cases"] if expect in ("improved", "kept") else ():
+        statuses = {method["status"] for method in case["methods"]}
+        came = "improved" if "improved" in statuses else "kept"
+        if came != expect:
+            verdict = "worse" if expect == "improved" else "better"
+            place = {"case": case["case"], "key": "expect", "note": _DECLARED}
+            found.append(_entry(document["log"], **place, before=expect, after=came, verdict=verdict))
+    return found
+
+
+_DECLARED = "against what corpus.toml expects"
+
+
+def _read_after_all(was: str, expect: str) -> str:
+    """A log that the baseline could not read, and that is read now: worse where it should be refused."""
+    return "worse" if was == expect else "better"
+
+
+def _excused(entry: Entry, known: Sequence[Known]) -> Entry:
+    """The entry, as known where an issue covers it: where it fails, or where a method still does not come to an end."""
+    still = entry["key"] == "status" and entry["after"] == "failed"
+    if entry["verdict"] in FAILING or still:
+        for issue in known:
+            if issue.covers(entry["log"], entry["method"], entry["key"]):
+                return entry | {"verdict": "known", "note": issue.note}
+    return entry
+
+
+def _entry(
+    log: str,
+    *,
+    case: str = "",
+    method: str = "",
+    key: str,
+    before: Value = None,
+    after: Value = None,
+    verdict: str,
+    note: str = "",
+) -> Entry:
+    about = {"unit": "-", "direction": "exact", "rel_tol": None, "abs_tol": None}
+    place = {"log": log, "case": case, "method": method, "key": key}
+    return place | about | {"before": before, "after": after, "verdict": verdict, "note": note}

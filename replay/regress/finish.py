@@ -1,0 +1,120 @@
+"""The end of a run, in a process of its own since it needs memory: verdicts.json, run.json, the reports.
+
+Usage: python -m replay.regress.finish RUN HISTORY ACCEPT; prints one JSON document.
+"""
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from replay.errors import ReplayError
+from replay.files import atomic_write
+from replay.regress.baseline import Baseline, read_baseline
+from replay.regress.compare import Entry, compare_log, gone, missing_log
+from replay.regress.corpus import Known
+from replay.regress.reports import make_report
+from replay.regress.reports.facts import ranked, state
+from replay.regress.reports.groups import gravest, groups
+from replay.regress.reports.junit import explained
+from replay.regress.reports.reading import VERDICTS_SCHEMA
+from replay.regress.store import Store, file_stem
+from replay.results import plain
+from replay.strict_json import parse_json
+
+FINISH_ERROR = "E_REPORT"
+_MOST_LINES = 20
+
+
+def finish(folder: pathlib.Path, history: pathlib.Path, accept: str) -> dict[str, Any]:
+    """Judge a run and write its reports in a process of its own; what that says. ReplayError (E_REPORT)."""
+    command = [sys.executable, "-P", "-m", "replay.regress.finish", str(folder), str(history), accept]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    if done.returncode != 0:
+        last = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
+        raise ReplayError(FINISH_ERROR, f"{folder}: the reports could not be made: {last}")
+    return parse_json(done.stdout)
+
+
+def judge(folder: pathlib.Path) -> list[Entry]:
+    """Compare a run with its baseline and write verdicts.json; the entries. The run may be unfinished."""
+    store = Store(folder)
+    head = store.head()
+    known = [Known(**issue) for issue in head.get("known") or ()]
+    baseline = read_baseline(head["baseline"]) if head.get("baseline") else Baseline()
+    entries: list[Entry] = []
+    names = []
+    for document in store.documents():
+        names.append(document["log"])
+        whole = not head.get("partial_methods")
+        entries += compare_log(document, baseline.logs.get(document["log"]), known, whole=whole)
+    if not head.get("partial") and head.get("complete"):
+        entries += [missing_log(name, known) for name in sorted(baseline.logs.keys() - set(names))]
+    entries += gone(known, names, entries)
+    text = json.dumps(plain({"schema": VERDICTS_SCHEMA, "verdicts": entries}), sort_keys=True, indent=0)
+    with atomic_write(folder / "verdicts.json") as temporary:
+        temporary.write_bytes(text.encode("utf-8", "backslashreplace") + b"\n")
+    return entries
+
+
+def conclude(folder: pathlib.Path, history: pathlib.Path, accept: str) -> dict[str, Any]:
+    """Judge a run and make its reports; what the command has to say of it, whose size does not grow with the run's."""
+    store = Store(folder)
+    head = store.head()
+    done = store.done()
+    planned = [file_stem(name) + ".json" for name in head.get("logs") or ()]
+    store.write_head(_without_schema(head) | {"complete": done.issuperset(planned)})
+    judge(folder)
+    report = make_report(folder, history, accept)
+    run = report.run
+    told = groups(run)
+    failing = ranked(run.failing)
+    lines = [group.sentence for group in gravest(told)] or [explained(change) for change in failing]
+    return {
+        "state": state(run),
+        "headline": report.summary["headline"],
+        "failing": lines[:_MOST_LINES],
+        "failing_more": max(0, len(lines) - _MOST_LINES),
+        "known": [group.sentence for group in told if group.verdict == "known"][:_MOST_LINES],
+        "passing": _few([change.note for change in run.changes if change.key == "known issue"]),
+        "unread": _few([f"{error.log}: {error.error}" for error in run.errors if not error.expected]),
+        "damaged": _few(run.damaged),
+        "other_options": _has_other_options(head),
+        "files": [str(path) for path in report.files],
+    }
+
+
+def _few(lines: Sequence[str]) -> list[str]:
+    """Some lines, and how many more there are."""
+    more = len(lines) - _MOST_LINES
+    return [*lines[:_MOST_LINES], *([f"and {more} more, in the report"] if more > 0 else [])]
+
+
+def _has_other_options(head: Mapping[str, Any]) -> bool:
+    """Whether the baseline was made with other options than a whole run."""
+    if not head.get("baseline") or head.get("partial_methods"):
+        return False
+    return read_baseline(head["baseline"]).options != head.get("options_fingerprint")
+
+
+def _without_schema(head: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in head.items() if key != "schema"}
+
+
+def main() -> int:
+    folder, history, accept = sys.argv[1:4]
+    try:
+        said = conclude(pathlib.Path(folder), pathlib.Path(history), accept)
+    except ReplayError as error:
+        sys.stderr.write(f"{error}\n")
+        return 1
+    sys.stdout.write(json.dumps(plain(said)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,193 @@
+"""What is done with one log: read it, run the methods, compare, record, publish its document."""
+
+import dataclasses
+import hashlib
+import os
+import pathlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from replay.case import Case
+from replay.errors import LogError, ReplayError
+from replay.logs import read_cases
+from replay.regress.compare import Entry, compare_log, worst
+from replay.regress.corpus import STORES, Known, Log
+from replay.regress.reports.reading import LOG_SCHEMA
+from replay.regress.settings import Settings
+from replay.regress.store import Store, file_stem
+from replay.run import MethodRun, Run, run_case
+from replay.solving import Solve
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One log, and all that is needed to work on it in another process."""
+
+    log: Log
+    folder: str
+    """Of the run."""
+    settings: Settings
+    """With the methods that are to be run on this log."""
+    whole: bool = True
+    """Whether these are all that the corpus wants of it."""
+    before: Mapping[str, Any] | None = None
+    """The baseline's entry, where there is one."""
+    known: tuple[Known, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What became of a job; its results are in its document, never here."""
+
+    name: str
+    state: str
+    """same, worse, crashed, or unread; skipped where its document was there already."""
+
+
+def work(job: Job, solve: Solve, tell: Tell) -> Outcome:
+    """Do a job; `tell` hears of each stage. What a log or a method does wrong ends in the document."""
+    store = Store(job.folder)
+    if store.file(job.log.name).exists():
+        return Outcome(name=job.log.name, state="skipped")
+    store.note_attempt(job.log.name)
+    try:
+        document, runs = _worked(job, solve, tell)
+    except ReplayError as error:
+        return publish_error(job, error.code, _message(job, error))
+    except MemoryError:
+        return publish_error(job, "E_MEMORY", f"needs more than {job.settings.memory_limit} MiB")
+    except Exception as error:  # a border: a defect of ours, which must not cost the other logs
+        words = " ".join(str(error).split())
+        return publish_error(job, "E_INTERNAL", f"internal error, {type(error).__name__}: {words}")
+    entries = compare_log(document, job.before, job.known, whole=job.whole)
+    for case, run in zip(document["cases"], runs, strict=True):
+        if _wants_recording(job, case["case"], entries):
+            tell(f"recording {case['case']}")
+            case |= _recorded(job, run)
+    return _published(job, document, worst(entries))
+
+
+def publish_error(job: Job, code: str, message: str) -> Outcome:
+    """Publish that a log could not be worked on."""
+    document = _outline(job) | {"error": {"code": code, "message": message}, "cases": []}
+    entries = compare_log(document, job.before, job.known, whole=job.whole)
+    return _published(job, document, worst(entries) if worst(entries) != "same" else _read_state(document))
+
+
+def _read_state(document: Mapping[str, Any]) -> str:
+    return "same" if document["error"]["code"] == document["expect"] else "unread"
+
+
+def _published(job: Job, document: Mapping[str, Any], state: str) -> Outcome:
+    published = Store(job.folder).publish(document)
+    return Outcome(name=job.log.name, state=state if published else "skipped")
+
+
+def _worked(job: Job, solve: Solve, tell: Tell) -> tuple[dict[str, Any], list[Run]]:
+    tell("reading")
+    runs = []
+    for number, case in enumerate(read_cases(local_file(job.log.path), job.settings.read)):
+        named = dataclasses.replace(
+            case,
+            name=f"{job.log.name}/{number}",
+            log=pathlib.Path(job.log.path),
+            problem=dataclasses.replace(case.problem, weights=job.settings.weights),
+        )
+        tell(f"measuring {named.name}")
+        runs.append(
+            run_case(
+                named,
+                job.settings.methods,
+                on_start=lambda name, case=named: tell(f"method {name} on {case.name}"),
+                seed=job.settings.seed,
+                solve=solve,
+            )
+        )
+    document = _outline(job) | {"error": None, "cases": [_case(run) for run in runs]}
+    return document | {"sha256": runs[0].case.sha256 if runs else None}, runs
+
+
+def _outline(job: Job) -> dict[str, Any]:
+    log = job.log
+    return {
+        "schema": LOG_SCHEMA,
+        "log": log.name,
+        "path": log.path,
+        "sha256": digest(log.path),
+        "class": log.kind,
+        "tags": list(log.tags),
+        "expect": log.expect,
+    }
+
+
+def _case(run: Run) -> dict[str, Any]:
+    recorded = {"metrics": run.recorded_metrics, "audit": run.recorded_audit}
+    return {
+        "case": run.case.name,
+        "recorded": recorded,
+        "read": _read(run.case),
+        "methods": list(map(_method, run.methods)),
+    }
+
+
+def _read(case: Case) -> dict[str, Any]:
+    read = dataclasses.asdict(case.read)
+    return read | {"notes": [note.replace(str(case.log), case.name) for note in case.read.notes]}
+
+
+def _method(run: MethodRun) -> dict[str, Any]:
+    fields = ("name", "status", "stop", "reason", "metrics", "audit", "wall_s", "rejected")
+    counters = {"iterations": run.iterations, "evaluations": len(run.history)}
+    return {key: getattr(run, key) for key in fields} | {"work": counters}
+
+
+def _wants_recording(job: Job, case: str, entries: list[Entry]) -> bool:
+    """Whether a case is recorded: for `changed`, where it is not the same as in the baseline and was there."""
+    if job.settings.recordings != "changed":
+        return job.settings.recordings == "all"
+    changed = ("worse", "crashed", "known", "better")
+    return any(entry["case"] == case and entry["verdict"] in changed for entry in entries)
+
+
+def _recorded(job: Job, run: Run) -> dict[str, Any]:
+    """Write the recording of a case: its path within the run's folder, or why there is none; results do not need it."""
+    from replay.recording import write_recording  # Rerun takes a second to load
+
+    name = f"recordings/{file_stem(run.case.name)}.rrd"
+    try:
+        write_recording(run, pathlib.Path(job.folder) / name)
+    except ReplayError as error:
+        return {"recording": None, "recording_error": str(error)}
+    return {"recording": name}
+
+
+def local_file(path: str) -> pathlib.Path:
+    """A log as a file of this machine; of an object store, a copy that is kept."""
+    if path.startswith(STORES):
+        from replay.regress.stores import fetched
+
+        return fetched(path)
+    return pathlib.Path(path)
+
+
+def digest(path: str) -> str | None:
+    """SHA-256 of a local file in hexadecimal digits; None where it cannot be read, and for an object store."""
+    if path.startswith(STORES):
+        return None
+    try:
+        if not os.path.isfile(path):  # noqa: PTH113 - a pipe would block
+            return None
+        with pathlib.Path(path).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (OSError, ValueError):
+        return None
+
+
+def _message(job: Job, error: ReplayError) -> str:
+    """The error's line; a copy's place on this machine is nobody's business."""
+    if isinstance(error, LogError) and error.path != job.log.path:
+        return error.message.replace(error.path, job.log.path)
+    return error.message

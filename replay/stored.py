@@ -1,0 +1,123 @@
+"""A run rebuilt from its results document: enough to draw and to compare it. Iterates and the map are not stored."""
+
+import math
+import pathlib
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+
+from optim.arrays import frozen
+from optim.objective import Weights
+from optim.problem import Problem
+from optim.scene import Scene
+from optim.vehicle import Vehicle
+from replay.case import Case, ReadReport
+from replay.errors import ReplayError
+from replay.results import RESULTS_ERROR, path_from_document
+from replay.run import MethodRun, Run
+
+_Made = TypeVar("_Made")
+
+
+def run_of(document: Mapping[str, Any], source: str) -> Run:
+    """The run of a results document that `read_results` has read. ReplayError (E_RESULTS) where a field is no good."""
+    return _within(source, lambda: _run(document))
+
+
+def problem_of(document: Mapping[str, Any], source: str) -> Problem:
+    """The problem of such a document. ReplayError (E_RESULTS) where a field is no good."""
+    return _within(source, lambda: _problem(document))
+
+
+def _within(source: str, make: Callable[[], _Made]) -> _Made:
+    try:
+        return make()
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+        what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise ReplayError(RESULTS_ERROR, f"{source}: its run cannot be rebuilt: {what}") from error
+
+
+def _run(document: Mapping[str, Any]) -> Run:
+    problem, log, tool = _problem(document), document["log"], document["tool"]
+    case = Case(
+        name=str(log["case"]),
+        log=pathlib.Path(str(log["path"])),
+        sha256=str(log["sha256"]),
+        problem=problem,
+        read=_read(document.get("read") or {}),
+        map=None,
+        frame=problem.scene.frame,
+    )
+    return Run(
+        case=case,
+        recorded_metrics=_metrics(document["recorded_metrics"]),
+        recorded_audit=document["recorded_audit"],
+        methods=tuple(_method(method) for method in document["methods"]),
+        options=tool.get("options") or {},
+        seed=int(tool.get("seed") or 0),
+    )
+
+
+def _problem(document: Mapping[str, Any]) -> Problem:
+    scene = document["scene"]
+    return Problem(
+        vehicle=Vehicle(**document["vehicle"]),
+        scene=Scene(
+            polygons=tuple(frozen(np.array(polygon, float)) for polygon in scene["polygons"]),
+            boundary=None if scene.get("boundary") is None else frozen(np.array(scene["boundary"], float)),
+            frame=str(scene.get("frame") or ""),
+        ),
+        recorded=path_from_document(document["recorded"]),
+        margin=float(scene.get("margin") or 0.0),
+        weights=Weights(**document["weights"]),
+    )
+
+
+def _read(stored: Mapping[str, Any]) -> ReadReport:
+    return ReadReport(
+        poses=int(stored.get("poses") or 0),
+        hitch=stored.get("hitch") or "reconstructed",
+        max_deviation_m=_number(stored.get("max_deviation_m")),
+        max_deviation_rad=_number(stored.get("max_deviation_rad")),
+        rms_deviation_m=_number(stored.get("rms_deviation_m"), 0.0),
+        rms_deviation_rad=_number(stored.get("rms_deviation_rad"), 0.0),
+        goal_hitch_sigma=_number(stored.get("goal_hitch_sigma"), 0.0),
+        notes=tuple(map(str, stored.get("notes") or ())),
+        lost=bool(stored.get("lost")),
+    )
+
+
+def _method(stored: Mapping[str, Any]) -> MethodRun:
+    return MethodRun(
+        name=stored["name"],
+        status=stored["status"],
+        stop=str(stored.get("stop")),
+        reason=str(stored.get("reason")),
+        path=path_from_document(stored["path"]),
+        metrics=_metrics(stored["metrics"]),
+        audit=stored["audit"],
+        iterations=int(stored.get("iterations") or 0),
+        wall_s=_number(stored.get("wall_s")),
+        history=[_row(row) for row in stored.get("history") or ()],
+        iterates=(),
+        rejected=stored.get("rejected"),
+    )
+
+
+def _metrics(stored: Mapping[str, Any]) -> dict[str, float]:
+    """JSON has no infinity: a clearance of null is that of an empty scene."""
+    empty = {"min_clearance": math.inf}
+    return {name: _number(value, empty.get(name, math.nan)) for name, value in stored.items()}
+
+
+def _row(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """One iterate's scalars."""
+    residuals = {str(name): _number(value) for name, value in (stored.get("residuals") or {}).items()}
+    numbers = {name: _number(stored.get(name)) for name in ("objective", "violation", "trust_region", "solver_s")}
+    counted = {"iteration": int(stored["iteration"]), "accepted": bool(stored.get("accepted", True))}
+    return {**stored, **numbers, **counted, "residuals": residuals}
+
+
+def _number(value: Any, absent: float = math.nan) -> float:
+    return absent if value is None else float(value)

@@ -1,0 +1,113 @@
+"""Regression runs on a Dask cluster of this machine: what is refused, what is killed, what comes out."""
+
+import os
+import pathlib
+import signal
+
+import pytest
+import regress_help as help
+
+pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+
+from optim.methods import METHODS
+from replay.errors import ReplayError
+from replay.regress.cluster import check_address, run_on_cluster
+from replay.regress.pool import run_here
+from replay.regress.running import Plan, carry_out, start
+from tools.regress.local_cluster import LocalCluster
+from tools.regress.small_logs import write_corpus
+from tools.regress.storm import growth
+
+COUNT = 16
+
+
+@pytest.mark.parametrize(
+    "address", ["tcp://127.0.0.1:8786", "tcp://localhost:1", "tcp://[::1]:8786", "tls://far.example:8786"]
+)
+def test_this_machine_and_tls_are_accepted(address):
+    check_address(address)
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("tcp://10.0.0.5:8786", "lets everybody who can connect run code"),
+        ("tcp://0.0.0.0:8786", "run code"),
+        ("tcp://127.0.0.1.example:8786", "run code"),
+        ("tcp://localhost.example:8786", "run code"),
+        ("tcp://127.0.0.1@far.example:8786", "run code"),
+        ("far.example:8786", "expected tcp://127.0.0.1:PORT"),
+        ("tcp://127.0.0.1", "expected"),
+        ("tcp://127.0.0.1:99999999", "expected"),
+        ("ws://127.0.0.1:8786", "expected"),
+        ("inproc://1/2/3", "expected"),
+        ("", "expected"),
+    ],
+)
+def test_every_other_address_is_refused_with_one_sentence(address, words):
+    with pytest.raises(ReplayError) as caught:
+        check_address(address)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_where_nobody_answers_is_one_line(monkeypatch):
+    monkeypatch.setattr("replay.regress.cluster._CONNECT_S", 1)
+    with pytest.raises(ReplayError, match="no connection"):
+        next(run_on_cluster([], "tcp://127.0.0.1:9"))
+
+
+def test_growth_is_that_of_the_coordinator_after_a_number_of_results():
+    assert growth([(0, 90.0), (10, 100.0), (20, 103.0), (30, 101.0), (30, 0.0)], 10) == 3.0
+
+
+@pytest.fixture
+def plan(tmp_path) -> Plan:
+    write_corpus(tmp_path / "corpus", COUNT)
+    return help.make_plan(str(tmp_path / "corpus"), {"ddp": METHODS["ddp"]})
+
+
+def test_killed_workers_cost_no_log_nothing_runs_on_and_results_are_those_of_this_machine(plan, tmp_path):
+    paths = os.pathsep.join([str(help.ROOT), str(help.ROOT / "tests")])
+    store = start(plan, tmp_path / "runs")
+    with LocalCluster(tmp_path / "cluster", 2, paths) as cluster:
+        killed: list[int] = []
+        below: list[int] = []
+
+        def kill_some(outcome: object, done: int, _: int) -> None:
+            if outcome is not None and done in (3, 8):
+                killed.append(cluster.workers()[0])
+                below.extend(help.below(killed[-1]))
+                os.kill(killed[-1], signal.SIGKILL)
+
+        carry_out(plan, store, lambda jobs: run_on_cluster(jobs, cluster.address), kill_some)
+        assert len(set(killed)) == 2
+        assert below
+        assert not [pid for pid in (*killed, *below) if help.is_running(pid)]
+        assert cluster.workers()
+    documents = {document["log"]: help.timeless(document) for document in store.documents()}
+    assert len(documents) == len(store.done()) == COUNT
+    assert len(help.attempts(store)) <= COUNT + 2 * 4
+    other = start(plan, tmp_path / "here")
+    carry_out(plan, other, lambda jobs: run_here(jobs, 2), lambda *_: None)
+    assert {document["log"]: help.timeless(document) for document in other.documents()} == documents
+
+
+def test_a_scheduler_that_dies_ends_the_run_with_one_line_and_the_rest_can_be_done_here(plan, tmp_path):
+    store = start(plan, tmp_path / "runs")
+    paths = os.pathsep.join([str(help.ROOT), str(help.ROOT / "tests")])
+    with LocalCluster(tmp_path / "cluster", 1, paths) as cluster:
+
+        def kill_scheduler(outcome: object, done: int, _: int) -> None:
+            if outcome is not None and done == 3:
+                cluster.scheduler.kill()
+
+        with pytest.raises(ReplayError, match="the scheduler has gone"):
+            carry_out(plan, store, lambda jobs: run_on_cluster(jobs, cluster.address), kill_scheduler)
+    before = len(store.done())
+    assert 3 <= before < COUNT
+    tried = len(help.attempts(store))
+    carry_out(plan, store, lambda jobs: run_here(jobs, 2), lambda *_: None)
+    assert len(store.done()) == COUNT
+    assert len(help.attempts(store)) - tried == COUNT - before
+    assert not list(pathlib.Path(store.logs).glob(".*.tmp"))

@@ -1,0 +1,1 @@
+"""Regression runs under load: thousands of small logs, killed workers, killed coordinators."""

@@ -1,0 +1,72 @@
+"""Run a corpus here and on a cluster, with one process and with two, in several orders: results must be the same.
+
+Usage: python tools/regress/same.py [--count N] [--corpus FOLDER] [--method NAME]...
+
+By default on small logs; times alone may differ.
+"""
+
+import argparse
+import pathlib
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+from replay.regress.store import Store
+from tools.regress.local_cluster import LocalCluster
+from tools.regress.small_logs import write_corpus
+
+TIMES = ("wall_s", "reason", "path")
+"""What may differ: times, sentences in which times stand, and where the log was read from."""
+_START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=300)
+    parser.add_argument("--corpus", type=pathlib.Path)
+    parser.add_argument("--method", action="append")
+    options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # what was started is ended then, too
+    with tempfile.TemporaryDirectory() as name:
+        folder = pathlib.Path(name)
+        corpus = options.corpus or folder / "corpus"
+        if options.corpus is None:
+            write_corpus(corpus, options.count)
+        common = [str(corpus), "--recordings", "none"]
+        common += [word for method in options.method or ["ddp", "cpo"] for word in ("--method", method)]
+        found = {"here, 1 process": _results(folder / "1", [*common, "--jobs", "1"])}
+        found["here, 2 processes, shuffled"] = _results(folder / "2", [*common, "--jobs", "2", "--shuffle", "1"])
+        for workers, order in ((1, []), (2, ["--shuffle", "2"])):
+            with LocalCluster(folder / f"cluster{workers}", workers) as cluster:
+                words = [*common, "--scheduler", cluster.address, *order]
+                found[f"Dask, {workers} workers{', shuffled' if order else ''}"] = _results(
+                    folder / f"d{workers}", words
+                )
+    first = next(iter(found.values()))
+    for way, documents in found.items():
+        differing = sorted(name for name in first | documents if first.get(name) != documents.get(name))
+        said = "the same" if not differing else f"{len(differing)} differ: {', '.join(differing[:5])}"
+        print(f"{way}: {len(documents)} logs, {said}")
+    return int(any(documents != first for documents in found.values()))
+
+
+def _results(runs: pathlib.Path, words: list[str]) -> dict[str, Any]:
+    """The documents of a run, by log, without times."""
+    begun = time.monotonic()
+    subprocess.run([sys.executable, "-c", _START, "regress", *words, "--out", str(runs), "--quiet"], check=True)
+    print(f"{time.monotonic() - begun:.0f} s", file=sys.stderr, flush=True)
+    return {document["log"]: timeless(document) for document in Store(next(runs.iterdir())).documents()}
+
+
+def timeless(document: Any) -> Any:
+    """A log's document without what may differ between runs."""
+    if isinstance(document, dict):
+        return {key: timeless(value) for key, value in document.items() if key not in TIMES}
+    return [timeless(entry) for entry in document] if isinstance(document, list) else document
+
+
+if __name__ == "__main__":
+    sys.exit(main())
