@@ -86,4 +86,5 @@ def report(folder: pathlib.Path) -> str:
     lines += [f"| {words} | {cells(row[key])} | {limit} |" for key, (words, limit) in wanted.items() if key in row]
     lines += [f"| `import {name}` | {cells(one)} | |" for name, one in row["imports"].items()]
     lines += [f"| Python alone | {cells(row['bare'])} | |"]
+    lines += ["", "CPU time is that of all processes together; on a busy machine wall times are far above it."]
     return "\n".join(lines)
