@@ -45,7 +45,11 @@ def main() -> int:
             if options.only in (None, name):
                 run(logs, options.rows / name)
     parts = [machine.head(options.rows)]
-    parts += [report(options.rows / name) for name, (_, report) in SECTIONS.items() if (options.rows / name).exists()]
+    parts += [
+        report(options.rows / name)
+        for name, (_, report) in SECTIONS.items()
+        if any((options.rows / name).glob("*.json"))
+    ]
     RESULTS.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     return 0
 

@@ -113,7 +113,7 @@ def theirs(problem: Problem) -> Outcome:
         model.refresh(states)
         solver = crocoddyl.SolverBoxFDDP(shooting)
         solver.th_stop = STOP if number + 1 == PLAN.rounds else max(STOP, 10.0 ** (-2 - 2 * number))
-        solver.solve(list(states), list(controls), PLAN.iterations, False, 1e-9)
+        solver.solve(list(states), list(controls), PLAN.iterations, False, 1.0 if number == 0 else 1e-9)
         iterations += solver.iter
         states, controls = np.array(list(solver.xs)), np.array(list(solver.us))
         over = _update_steering(shared, states)

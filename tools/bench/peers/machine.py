@@ -40,7 +40,7 @@ def head(rows: pathlib.Path) -> str:
         "# Beside other software",
         "",
         f"Written by `python tools/bench/run_all.py`. {_machine()}. Measured by {_day(newest)}.",
-        f"{versions}.",
+        f"{versions}. Load when this was written: {os.getloadavg()[0]:.0f} processes; wall times are as long as that.",
     ]
     if missing:
         lines.append(f"Not installed, hence left out: {missing}.")

@@ -19,8 +19,22 @@ def report(folder: pathlib.Path) -> str:
         by_log.setdefault(row["log"], {})[row["name"]] = row
     names = list(dict.fromkeys(row["name"] for row in rows))
     order = sorted(names, key=lambda name: (_kind(name), -_success(by_log, name), _median(by_log, name)))
-    parts = ["## Whole logs", _words(len(by_log)), _summary(by_log, order), *_targets(by_log), _each(by_log, order)]
+    parts = [
+        "## Whole logs",
+        _words(len(by_log)),
+        *_missing(by_log, names),
+        _summary(by_log, order),
+        *_targets(by_log),
+        _each(by_log, order),
+    ]
     return "\n\n".join(parts)
+
+
+def _missing(by_log: dict[str, dict[str, Row]], names: list[str]) -> list[str]:
+    """Who has not solved all of these logs yet."""
+    counts = {name: sum(name in rows for rows in by_log.values()) for name in names}
+    short = [f"{name} {count}" for name, count in counts.items() if count < len(by_log)]
+    return [f"Measured on fewer of these logs so far: {', '.join(short)}."] if short else []
 
 
 def _kind(name: str) -> int:
@@ -90,6 +104,8 @@ def _targets(by_log: dict[str, dict[str, Row]]) -> list[str]:
         f"{_success(by_log, 'scp')} sound against {_success(by_log, OBCA)}.",
         f"- ddp: {_ratio(by_log, OBCA, 'ddp'):.3g} times less CPU time than plain OBCA (asked for: 30), "
         f"{_success(by_log, 'ddp')} sound.",
+        "- Logs that are not in this table have not been measured yet; they are the ones on which plain OBCA takes "
+        "longest. Its paths pass the audit here because 0.1 m of clearance at the knots leaves room between them.",
     ]
     return ["\n".join(lines)]
 
