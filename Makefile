@@ -53,6 +53,7 @@ bench: $(MADE)  ## measure speed and quality
 	$(BIN)/python tools/bench/optimisers.py recordings/*.mcap
 	$(BIN)/python tools/bench/ddp.py recordings/*.mcap
 	$(BIN)/python tools/bench/cpo.py recordings/*.mcap
+	$(BIN)/python tools/bench/reading.py
 
 corpus: $(MADE)  ## make the recorded logs in recordings/ again
 	$(BIN)/python tools/make_corpus.py
