@@ -92,11 +92,11 @@ def run_on_cluster(jobs: Iterable[Job], address: str) -> Generator[Outcome]:
 
 
 def _outcome(future: Any, job: Job) -> Outcome:
-    if future.status == "finished":
-        return Outcome(name=job.log.name, state=future.result())
+    error = future.exception()  # waits where the worker died after it told of the end: Dask has the log done again
     if future.status == "cancelled":
         raise ReplayError(CLUSTER_ERROR, "the scheduler has gone; what was finished is kept, --resume does the rest")
-    error = future.exception()
+    if error is None:
+        return Outcome(name=job.log.name, state=future.result())
     if type(error).__name__ == "KilledWorker":
         return publish_error(job, "E_CRASHED", "the workers that had this log have died, several in a row")
     words = " ".join(str(error).split())
