@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
+
 from optim.arrays import Array
 from optim.objective import Weights
 from optim.path import Path
@@ -48,6 +50,17 @@ class Problem:
             return min(self.margin, self.recorded_clearance)
         ends = [self.recorded.start, self.recorded.goal]
         return max(0.0, min(self.margin, *(float(clearance(self.scene, self.vehicle, q[None]).min()) for q in ends)))
+
+
+def within_limits(vehicle: Vehicle, path: Path, slack: float) -> bool:
+    """Whether steering, hitch angle and steering rate of a path keep their limits; slack: relative, such as 1e-3."""
+    samples, most = path.samples, 1.0 + slack
+    rate = max(float(np.abs(np.diff(part.phi) / np.diff(part.s)).max()) for part in path.segments)
+    return bool(
+        np.abs(samples.phi).max() <= vehicle.max_steer * most
+        and np.abs(samples.states[:, 3]).max() <= vehicle.max_hitch * most
+        and rate <= vehicle.max_steer_rate * most
+    )
 
 
 def path_clearance(vehicle: Vehicle, scene: Scene, path: Path) -> float:

@@ -220,18 +220,14 @@ def test_killing_the_process_of_the_logs_costs_none_of_them(corpus, runs):
     assert not [document for document in documents if document["error"]]
 
 
+def _long_run(folder: str, runs: pathlib.Path) -> list[str]:
+    """Arguments of a run that is still at work when it is ended."""
+    return ["regress", folder, "--method", "shortcut", "--shortcut.tries", "100000", "--out", str(runs)]
+
+
 def test_ctrl_c_stops_within_two_seconds_leaves_no_process_and_the_rest_can_be_done(tmp_path):
     folder = help.make_corpus(tmp_path / "corpus", ["bay_01", "bay_02", "dock_01", "dock_02", "angled_02"])
-    arguments = [
-        "regress",
-        folder,
-        "--method",
-        "shortcut",
-        "--shortcut.tries",
-        "100000",
-        "--out",
-        str(tmp_path / "runs"),
-    ]
+    arguments = _long_run(folder, tmp_path / "runs")
     process = subprocess.Popen(
         help.call(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -257,16 +253,7 @@ def test_ctrl_c_stops_within_two_seconds_leaves_no_process_and_the_rest_can_be_d
 
 def test_killing_the_command_leaves_no_process_that_works_on(tmp_path):
     folder = help.make_corpus(tmp_path / "corpus", ["bay_01", "bay_02"])
-    arguments = [
-        "regress",
-        folder,
-        "--method",
-        "shortcut",
-        "--shortcut.tries",
-        "100000",
-        "--out",
-        str(tmp_path / "runs"),
-    ]
+    arguments = _long_run(folder, tmp_path / "runs")
     process = subprocess.Popen(help.call(*arguments), stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 60.0
     children: list[int] = []

@@ -35,7 +35,7 @@ from optim.methods.transcription import (
 )
 from optim.objective import objective
 from optim.path import Path
-from optim.problem import Problem, path_clearance
+from optim.problem import Problem, path_clearance, within_limits
 from optim.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.vehicle import Vehicle
 
@@ -232,14 +232,9 @@ def _keeps_everything(problem: Problem, candidate: _Best, missing: Array) -> boo
 
 def _is_sound(problem: Problem, path: Path) -> bool:
     """Whether a path that follows the kinematics keeps the limits and the clearance too."""
-    samples, vehicle, slack = path.samples, problem.vehicle, 1.0 + _LIMIT_SLACK
-    rate = max(float(np.abs(np.diff(seg.phi) / np.diff(seg.s)).max()) for seg in path.segments)
-    return bool(
-        np.abs(samples.phi).max() <= vehicle.max_steer * slack
-        and np.abs(samples.states[:, 3]).max() <= vehicle.max_hitch * slack
-        and rate <= vehicle.max_steer_rate * slack
-        and path_clearance(vehicle, problem.scene, path) >= problem.required_clearance - CLEARANCE_TOLERANCE
-    )
+    if not within_limits(problem.vehicle, path, _LIMIT_SLACK):
+        return False
+    return path_clearance(problem.vehicle, problem.scene, path) >= problem.required_clearance - CLEARANCE_TOLERANCE
 
 
 def _within_limits(vehicle: Vehicle, knots: Knots) -> bool:

@@ -7,7 +7,9 @@ needs no line here.
 
 import dataclasses
 import math
+import pathlib
 import re
+import tomllib
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -24,6 +26,16 @@ class UsageError(ReplayError):
 
     def __init__(self, message: str) -> None:
         super().__init__("E_USAGE", message)
+
+
+def read_toml(path: pathlib.Path, where: str) -> dict[str, Any]:
+    """The content of a TOML file; where: how the error begins. Raises UsageError."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"{where}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"{where}: not TOML: {error}") from error
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,6 @@
 
 import difflib
 import pathlib
-import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from cyclopts import Group
 
 from optim.vehicle import Vehicle
-from replay.cli.options import Option, UsageError, flag_class, given, options_of, with_flags
+from replay.cli.options import Option, UsageError, flag_class, given, options_of, read_toml, with_flags
 from replay.logs import ReadOptions
 
 _VEHICLE = Option(
@@ -45,12 +44,7 @@ def read_vehicle(path: pathlib.Path) -> Vehicle:
 
     Raises UsageError for a file that cannot be read, an unknown key or a value out of range.
     """
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"--vehicle {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"--vehicle {path}: not TOML: {error}") from error
+    values = read_toml(path, f"--vehicle {path}")
     known = [field.name for field in fields(Vehicle)]
     for key in values:
         if key not in known:

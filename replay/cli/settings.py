@@ -19,7 +19,7 @@ from optim.methods import METHODS, Method
 from optim.methods.chain import named
 from optim.objective import Weights
 from optim.vehicle import Vehicle
-from replay.cli.options import Option, UsageError, given, options_of, with_flags
+from replay.cli.options import Option, UsageError, given, options_of, read_toml, with_flags
 from replay.cli.reading import READING, read_options
 from replay.cli.usage import unknown
 from replay.logs import ReadOptions
@@ -146,13 +146,7 @@ def layer_of_file(path: pathlib.Path) -> Layer:
     for a value of a wrong type.
     """
     where = f"--config {path}"
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"{where}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"{where}: not TOML: {error}") from error
-    return _layer(content, where, path.parent)
+    return _layer(read_toml(path, where), where, path.parent)
 
 
 def layer_of_assignments(assignments: Iterable[str]) -> Layer:

@@ -22,7 +22,7 @@ LARGEST_DEVIATION = 0.3
 """A drivable path farther from a pose than this [m], and five standard deviations of the noise, is another path."""
 _UNSURE_HITCH = 0.02
 """Standard deviation of the last hitch angle from which a note tells of it [rad]."""
-LIMIT_SLACK = 1.001
+LIMIT_SLACK = 1e-3
 """Limits may be exceeded by this factor before a note says so, as in the audit."""
 _PLACES = 11  # of a path that are tried for each pose
 BODIES = ("truck", "trailer")
@@ -164,7 +164,7 @@ def _limits(problem: Problem, recorded: RecordedPoses, fit: Fit) -> list[str]:
         (rate, vehicle.max_steer_rate, "the steering rate", "rad/m"),
     ):
         worst = int(np.argmax(values))
-        if values[worst] > limit * LIMIT_SLACK:
+        if values[worst] > limit * (1.0 + LIMIT_SLACK):
             where = _place(recorded, fit, float(samples.s[worst]))
             notes.append(f"{what} reaches {values[worst]:.3f} {unit}, the limit is {limit:g} {unit} ({where})")
     return notes

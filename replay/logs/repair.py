@@ -12,7 +12,7 @@ import numpy as np
 from optim.arrays import Array
 from optim.fit import Fit, fit_path
 from optim.fit_system import Bounds, FitOptions
-from optim.problem import path_clearance
+from optim.problem import path_clearance, within_limits
 from optim.scene import Scene
 from optim.vehicle import Vehicle
 from replay.logs.checks import LARGEST_DEFECT, LIMIT_SLACK
@@ -150,13 +150,7 @@ def _within_bounds(task: _Task, first: Fit, goal_hitch: float | None) -> tuple[F
 
 
 def _breaks_limits(vehicle: Vehicle, fit: Fit) -> bool:
-    samples = fit.path.samples
-    rate = max(float(np.abs(np.diff(each.phi) / np.diff(each.s)).max()) for each in fit.path.segments)
-    return bool(
-        np.abs(samples.phi).max() > vehicle.max_steer * LIMIT_SLACK
-        or np.abs(samples.states[:, 3]).max() > vehicle.max_hitch * LIMIT_SLACK
-        or rate > vehicle.max_steer_rate * LIMIT_SLACK
-    )
+    return not within_limits(vehicle, fit.path, LIMIT_SLACK)
 
 
 def _told(limits: bool, overlap: float, first: Fit, second: Fit) -> str:

@@ -55,7 +55,9 @@ def blueprint(content: Content) -> rrb.Blueprint:
 
 def _plan(content: Content, name: str, shown: list[str], legend: float = 0.0) -> rrb.Spatial2DView:
     frame = content.frame
-    bounds = rrb.VisualBounds2D(x_range=[frame.x0, frame.x1], y_range=[-frame.y1 - legend, -frame.y0])
+    edge = 0.02 * frame.size  # else the first row of a legend lies on the panel's rim
+    seen = frame.grown(edge, edge, edge, edge + legend)
+    bounds = rrb.VisualBounds2D(x_range=[seen.x0, seen.x1], y_range=[-seen.y1, -seen.y0])
     return rrb.Spatial2DView(
         origin="/",
         contents=[f"+ {path}" for path in (*_GROUND, *shown)],

@@ -9,7 +9,6 @@ alone. Its model is written in Python round our compiled kernels of a stage; the
 
 import importlib
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
@@ -23,7 +22,7 @@ from optim.ddp.model import TruckModel, knots_from
 from optim.ddp.search import required_clearance
 from optim.methods.transcription import Knots, knots_of, objective_of
 from optim.problem import Problem
-from tools.bench.peers.common import SPACING
+from tools.bench.peers.common import SPACING, least
 from tools.bench.peers.stage_kernels import stage_slopes, stage_value
 
 PLAN = Plan(
@@ -156,7 +155,7 @@ def _iteration(crocoddyl: Any, stages: int) -> float:
     problem.nthreads = 1
     solver = crocoddyl.SolverBoxFDDP(problem)
     solver.setCandidate([np.ones(6)] * (stages + 1), [np.zeros(2)] * stages, False)
-    return _least(lambda: (solver.computeDirection(True), solver.tryStep(1.0)))
+    return least(lambda: (solver.computeDirection(True), solver.tryStep(1.0)), 50)
 
 
 def _kernels(descent: Descent) -> float:
@@ -164,17 +163,8 @@ def _kernels(descent: Descent) -> float:
     model, states, controls = descent.model, descent.states, descent.controls
     policy, out = new_policy(len(controls), 6, 2), (np.empty_like(states), np.empty_like(controls))
     model.expand(states, controls, False)
-    derivatives = _least(lambda: model.expand(states, controls, False))
-    return derivatives + _least(lambda: model.roll_out(states, controls, policy, 1.0, out))
-
-
-def _least(call: Callable[[], object], runs: int = 50) -> float:
-    times = []
-    for _ in range(runs):
-        began = time.process_time()
-        call()
-        times.append(time.process_time() - began)
-    return min(times)
+    derivatives = least(lambda: model.expand(states, controls, False), 50)
+    return derivatives + least(lambda: model.roll_out(states, controls, policy, 1.0, out), 50)
 
 
 def _controls(model: TruckModel, states: Array, controls: Array) -> Array:

@@ -10,8 +10,6 @@ import importlib
 import importlib.util
 import json
 import pathlib
-import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -24,6 +22,7 @@ from optim.scene import Scene, clearance, collides
 from optim.vehicle import Vehicle, body_corners, body_poses
 from replay.files import atomic_write
 from replay.logs import read_cases
+from tools.bench.peers.common import least
 
 POSES = 2000
 FEWER = 100
@@ -52,15 +51,6 @@ def every_distance(scene, footprints, offset, states, out):
             rect = rectangle(scene, footprints, offset, states, i, body)
             for k in range(scene.first.size - 1):
                 out[i, body, k] = signed_distance(scene, k, rect)[0]
-
-
-def least(call: Callable[[], object], runs: int = 5) -> float:
-    times = []
-    for _ in range(runs):
-        began = time.process_time()
-        call()
-        times.append(time.process_time() - began)
-    return min(times)
 
 
 class Shapely:
@@ -244,9 +234,9 @@ def measure(scene: Scene, vehicle: Vehicle, states: Array) -> Row:
     row: Row = {
         "obstacles": count,
         "ours": {
-            "hits": 1e9 * least(lambda: every_pair(*place, hit)) / pairs,
-            "distances": 1e9 * least(lambda: every_distance(*place, distance)) / pairs,
-            "culled": 1e9 * least(lambda: collides(scene, vehicle, states)) / pairs,
+            "hits": 1e9 * least(lambda: every_pair(*place, hit), 5) / pairs,
+            "distances": 1e9 * least(lambda: every_distance(*place, distance), 5) / pairs,
+            "culled": 1e9 * least(lambda: collides(scene, vehicle, states), 5) / pairs,
         },
     }
     for name, (module, peer, poses) in PEERS.items():

@@ -2,7 +2,6 @@
 
 import json
 import pathlib
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -22,6 +21,7 @@ from optim.scp.statement import bucket, statement
 from optim.vehicle import body_corners
 from replay.files import atomic_write
 from replay.logs import read_cases
+from tools.bench.peers.common import least
 
 LOG = "bay_01"
 OBSTACLES = (12, 30, 100, 300, 1000, 2000)
@@ -72,19 +72,10 @@ def _part(segment: Segment, begin: int, end: int) -> Segment:
     return segment_from_states(segment.direction, s - s[0], segment.states[inside], segment.phi[inside])
 
 
-def seconds(call: Callable[[], object], runs: int = 2) -> float:
-    times = []
-    for _ in range(runs):
-        began = time.process_time()
-        call()
-        times.append(time.process_time() - began)
-    return min(times)
-
-
 def solved(method: Method, problem: Problem) -> Row:
     """CPU seconds, iterations, gear changes left."""
     results = []
-    spent = seconds(lambda: results.append(method.solve(problem)))
+    spent = least(lambda: results.append(method.solve(problem)), 2)
     return {"seconds": spent, "iterations": results[0].iterations, "cusps": results[0].path.num_cusps}
 
 
@@ -113,8 +104,8 @@ def measure(problem: Problem) -> Row:
     for side in SIDES:
         cells = yard_cells(side)
         polygons = cover_cells(cells, 0.05)
-        covered = seconds(lambda cells=cells: cover_cells(cells, 0.05))
-        packed = seconds(lambda polygons=polygons: make_scene(polygons).packed)
+        covered = least(lambda cells=cells: cover_cells(cells, 0.05), 2)
+        packed = least(lambda polygons=polygons: make_scene(polygons).packed, 2)
         out["grid"].append({"n": side, "occupied": int(cells.sum()), "polygons": len(polygons), "seconds": covered})
         out["grid"][-1]["seconds"] += packed
         print(out["grid"][-1], flush=True)
