@@ -22,7 +22,7 @@ from optim.result import Iterate, OnIterate, Result, Stop, ignore
 from replay.case import Case, ReadReport
 from replay.run import run_case
 from replay.solving import solve
-from replay.worker import Limits, Worker
+from replay.worker import Limits, Worker, Workers
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -68,8 +68,8 @@ def _case(problem: Problem) -> Case:
 )
 def test_a_method_that_goes_wrong_in_any_way_has_failed_and_the_next_one_goes_on(how, words):
     problem = random_problem(1)
-    with Worker(Limits(memory_mib=1500)) as worker:
-        run = run_case(_case(problem), {"bad": Bad(how=how), "shortcut": Shortcut(tries=200)}, solve=worker)
+    with Workers(Limits(memory_mib=1500)) as workers:
+        run = run_case(_case(problem), {"bad": Bad(how=how), "shortcut": Shortcut(tries=200)}, solve=workers)
     bad, good = run.methods
     assert bad.status == "failed"
     assert words in bad.reason
@@ -84,8 +84,8 @@ def test_when_time_is_up_the_best_iterate_that_passes_the_audit_is_the_result(ho
     better = Ddp().solve(problem).path
     bad = Bad(how=how, iterates=(better, problem.recorded))  # the last one says that it is the best
     started = time.monotonic()
-    with Worker(Limits(time_s=0.3)) as worker:
-        (run,) = run_case(_case(problem), {"bad": bad}, solve=worker).methods
+    with Workers(Limits(time_s=0.3)) as workers:
+        (run,) = run_case(_case(problem), {"bad": bad}, solve=workers).methods
     assert time.monotonic() - started < 20.0
     assert (run.status, run.stop) == ("improved", Stop.TIME_LIMIT.value)
     assert "Its time was up" in run.reason
@@ -94,8 +94,8 @@ def test_when_time_is_up_the_best_iterate_that_passes_the_audit_is_the_result(ho
 
 
 def test_without_a_better_iterate_the_recorded_path_is_kept_when_time_is_up():
-    with Worker(Limits(time_s=0.1)) as worker:
-        (run,) = run_case(_case(random_problem(1)), {"bad": Bad(how="goes on")}, solve=worker).methods
+    with Workers(Limits(time_s=0.1)) as workers:
+        (run,) = run_case(_case(random_problem(1)), {"bad": Bad(how="goes on")}, solve=workers).methods
     assert (run.status, run.stop) == ("kept", Stop.TIME_LIMIT.value)
 
 
