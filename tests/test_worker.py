@@ -2,6 +2,7 @@
 
 import dataclasses
 import faulthandler
+import multiprocessing
 import os
 import pathlib
 import signal
@@ -20,7 +21,7 @@ from optim.path import Path
 from optim.problem import Problem
 from optim.result import Iterate, OnIterate, Result, Stop, ignore
 from replay.case import Case, ReadReport
-from replay.run import run_case
+from replay.run import Interrupted, MethodRun, run_case
 from replay.solving import solve
 from replay.worker import Limits, Worker, Workers
 
@@ -122,6 +123,79 @@ def test_an_exception_of_the_listener_ends_the_child_and_flies_on():
         with pytest.raises(KeyboardInterrupt):
             worker(random_problem(1), Bad(how="hangs"), listener)
         assert worker(random_problem(1), Shortcut(tries=5), ignore).result is not None, "a new child is started"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Meets:
+    """A method that ends when the other one of a folder has begun too."""
+
+    folder: pathlib.Path
+    mine: str
+    others: str
+
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        (self.folder / self.mine).touch()
+        while not (self.folder / self.others).exists():
+            time.sleep(0.01)
+        on_iterate(Iterate(iteration=0, path=problem.initial, objective=1.0))
+        return Result(path=problem.initial, stop=Stop.CONVERGED, reason=self.mine, iterations=0)
+
+
+def test_methods_run_at_the_same_time_and_are_reported_in_their_order(tmp_path):
+    heard: list[str] = []
+    methods = {
+        "first": Meets(folder=tmp_path, mine="a", others="b"),
+        "second": Meets(folder=tmp_path, mine="b", others="a"),
+        "third": Shortcut(tries=5),
+    }
+    with Workers(Limits(time_s=60.0), 2, lambda: heard.append("meanwhile")) as workers:
+        run = run_case(
+            _case(random_problem(1)),
+            methods,
+            on_start=lambda name: heard.append(f"{name} starts"),
+            on_end=lambda method: heard.append(f"{method.name} ends"),
+            solve=workers,
+        )
+    assert [method.name for method in run.methods] == list(methods)
+    assert {method.status for method in run.methods} <= {"improved", "kept"}
+    assert [len(method.history) for method in run.methods[:2]] == [1, 1]
+    assert heard[:3] == ["first starts", "second starts", "meanwhile"]
+    assert sorted(heard[3:]) == ["first ends", "second ends", "third ends", "third starts"]
+
+
+def test_methods_side_by_side_give_the_same_paths_as_in_turn():
+    problem, methods = random_problem(2), {"ddp": Ddp(), "shortcut": Shortcut(tries=200), "bad": Bad(how="raises")}
+    with Workers(Limits(), 3) as workers:
+        side_by_side = run_case(_case(problem), methods, solve=workers)
+    in_turn = run_case(_case(problem), methods)
+    for one, other in zip(side_by_side.methods, in_turn.methods, strict=True):
+        assert (one.name, one.status) == (other.name, other.status)
+        assert repr(one.history) == repr(other.history)
+        np.testing.assert_array_equal(one.path.samples.states, other.path.samples.states)
+
+
+def test_a_method_that_dies_costs_nothing_to_the_one_beside_it(tmp_path):
+    met = Meets(folder=tmp_path, mine="a", others="b")
+    methods = {"slow": met, "crashes": Bad(how="crashes"), "frees": Meets(folder=tmp_path, mine="b", others="a")}
+    with Workers(Limits(time_s=60.0), 2) as workers:
+        slow, crashes, frees = run_case(_case(random_problem(1)), methods, solve=workers).methods
+    assert "SIGSEGV" in crashes.reason
+    assert (slow.status, frees.status) == ("kept", "kept")
+
+
+def test_an_interruption_ends_all_methods_and_keeps_what_was_finished():
+    def interrupt(method: MethodRun) -> None:
+        del method
+        raise KeyboardInterrupt
+
+    methods = {"hangs": Bad(how="hangs"), "done": Shortcut(tries=5), "never": Shortcut(tries=5)}
+    started = time.monotonic()
+    with Workers(Limits(), 2) as workers:
+        with pytest.raises(Interrupted) as caught:
+            run_case(_case(random_problem(1)), methods, on_end=interrupt, solve=workers)
+        assert multiprocessing.active_children() == []
+    assert [method.name for method in caught.value.run.methods] == ["done"]
+    assert time.monotonic() - started < 20.0
 
 
 def test_the_child_ends_when_its_parent_is_killed(tmp_path):
