@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.util
+import pathlib
 
 import numpy as np
 import pytest
@@ -9,16 +10,20 @@ from scenes import random_problem
 
 from optim.methods.nlp import Nlp
 from optim.methods.scp import Scp
-from optim.methods.transcription import knots_of, objective_of
+from optim.methods.transcription import defects, knots_of, objective_of
 from optim.objective import objective
 from optim.path import Path, segment_from_states
 from optim.problem import Problem, path_clearance
 from optim.result import Stop
 from optim.scene import make_scene
 from optim.scp.linearisation import Scales, convex_factor, linearise
+from optim.scp.restoration import hitch_excess, rate_excess, restore
 from optim.scp.statement import LINEAR, bucket, statement
 from optim.scp.subproblem import Limits, Penalty, parameter_values, solve_subproblem
 from optim.vehicle import Vehicle
+from replay.logs import read_cases
+
+FULL = pathlib.Path(__file__).resolve().parent.parent / "recordings" / "full"
 
 
 def _near(problem: Problem):
@@ -156,6 +161,42 @@ def test_the_unit_of_length_changes_nothing(name):
     assert there.stop is Stop.CONVERGED
     expected = objective_of(here.knots, problem.weights)
     assert objective_of(there.knots, large.weights) == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_correction_brings_hitch_angles_and_steering_rates_back_within_their_limits():
+    problem = random_problem(3)
+    recorded = knots_of(problem.vehicle, problem.recorded, 0.35)
+    vehicle = dataclasses.replace(
+        problem.vehicle,
+        max_hitch=0.95 * float(np.abs(recorded.states[1:-1, 3]).max()),
+        max_steer_rate=0.95 * float((np.abs(np.diff(recorded.phi))[recorded.gear != 0] / 0.35).max()),
+    )
+    problem = dataclasses.replace(problem, vehicle=vehicle)
+    near, scales, limits, _ = _near(problem)
+    knots, left = recorded, []
+    for _ in range(6):
+        excess = np.concatenate([hitch_excess(vehicle, knots), rate_excess(vehicle, knots)])
+        left.append(max(float(excess.max()), float(np.abs(defects(vehicle, knots)[0]).max())))
+        knots = restore(problem, knots, near.factor, scales, limits)
+    assert left[0] > 1e-2
+    assert min(left) < 1e-6
+    np.testing.assert_array_equal(knots.states[[0, -1]], recorded.states[[0, -1]])
+
+
+@pytest.mark.parametrize("log", ["narrow_02", "cluttered_01", "public_08"])
+def test_where_there_is_little_room_or_a_limit_is_in_the_way_a_better_path_is_found_too(log):
+    (case,) = read_cases(FULL / f"{log}.mcap")
+    result = Scp(removals=0).solve(case.problem)
+    assert result.stop is Stop.CONVERGED, result.reason
+    weights = case.problem.weights
+    assert objective(result.path, weights) < 0.9 * objective(case.problem.recorded, weights)
+
+
+@pytest.mark.parametrize("limit", [5, 20])
+def test_a_loop_that_may_not_converge_gives_back_its_best_sound_point(limit):
+    (case,) = read_cases(FULL / "narrow_02.mcap")
+    result = Scp(removals=0, max_iterations=limit).solve(case.problem)
+    assert objective(result.path, case.problem.weights) < objective(case.problem.recorded, case.problem.weights)
 
 
 @pytest.mark.parametrize("name", ["scp", "nlp"])

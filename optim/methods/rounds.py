@@ -99,11 +99,15 @@ class RoundOptions:
 
 @dataclass(frozen=True, eq=False)
 class _Best:
-    """A path, its knots, its J."""
+    """A path, its J, and the outcome that it is of."""
 
     path: Path
-    knots: Knots
     objective: float
+    outcome: Outcome
+
+    @property
+    def knots(self) -> Knots:
+        return self.outcome.knots
 
 
 class _Teller:
@@ -143,6 +147,7 @@ def improve(problem: Problem, solve: AtKnots, options: RoundOptions, on_iterate:
     if best is not None and best.objective >= _value(problem, problem.initial) and _is_sound(problem, problem.initial):
         path = problem.initial
     tell.last(path)
+    outcome = outcome if best is None else best.outcome
     reason = f"{outcome.reason}; {iterations} iterations in {tell.solutions} solutions"
     if best is None:
         reason += "; no path found keeps everything"
@@ -168,10 +173,10 @@ def _descend(
             continue
         path = path_of(problem.vehicle, outcome.knots, problem.initial)
         missing = missing_between(problem, outcome.knots, path)
-        candidate = _Best(path, outcome.knots, _value(problem, path))
+        candidate = _Best(path, _value(problem, path), outcome)
         if _keeps_everything(problem, candidate, missing) and (best is None or candidate.objective < best.objective):
             best = candidate
-        if outcome.stop not in (Stop.CONVERGED, Stop.STALLED):
+        if not _may_go_on(problem, outcome):
             break
         if is_worn(outcome.knots, options.spacing):
             knots = remesh(problem.vehicle, outcome.knots, options.spacing, problem.initial)
@@ -181,6 +186,14 @@ def _descend(
             break
         knots, required = outcome.knots, raised(problem, outcome.knots, required, missing)
     return best, outcome, iterations
+
+
+def _may_go_on(problem: Problem, outcome: Outcome) -> bool:
+    """Whether its knots are worth another solution: they are solved, or at least drivable."""
+    if outcome.stop is Stop.ITERATION_LIMIT:
+        gaps, _ = defects(problem.vehicle, outcome.knots)
+        return float(np.abs(gaps).max()) <= LARGEST_DEFECT
+    return outcome.stop in (Stop.CONVERGED, Stop.STALLED)
 
 
 def _remove_one(

@@ -4,11 +4,11 @@ The merit that a step must lower is the augmented Lagrangian of the true problem
 
     m(z) = J(z) + lambda . g(z) + w/2 |g(z)|^2 + sum over knots and bodies  mu v(z) + w/2 v(z)^2
 
-with the defects g of the dynamics and the missing clearance v >= 0; the sub-problem minimises its convex model with
-virtual control and slack in the places of g and v. The ratio of actual to predicted decrease accepts or rejects
-and steers the trust region; the multipliers are those of the accepted sub-problem (Oguri 2023, SCvx*, updates
-them by w g instead: the same to first order where the virtual control vanishes, and slower where it does not), the
-weight w grows while the violation does not fall.
+with the defects g of the dynamics and the missing clearance v >= 0 (and w/2 e^2 of limits exceeded by e); the
+sub-problem minimises its convex model with virtual control and slack in the places of g and v. The ratio of actual to
+predicted decrease accepts or rejects and steers the trust region; the multipliers are those of the accepted
+sub-problem (Oguri 2023, SCvx*, updates them by w g instead: the same to first order where the virtual control
+vanishes, and slower where it does not), the weight w grows while the violation does not fall.
 """
 
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ from optim.methods.transcription import Knots, defects, objective_of
 from optim.problem import Problem
 from optim.result import Stop
 from optim.scp.linearisation import Linearisation, Scales, linearise
-from optim.scp.restoration import moved, restore
+from optim.scp.restoration import hitch_excess, moved, rate_excess, restore
 from optim.scp.subproblem import Limits, Penalty, Step, solve_subproblem
 from optim.separation import separations
 
@@ -49,7 +49,9 @@ _SETTLED, _SETTLED_RATIO = 0.1, 0.5
 # tolerance (largest share seen on the sample logs: 0.29), and costs as much as this one
 _NEARLY = 1e-2  # violation at which a vanished segment need not wait for convergence: merging opens a gap anyway
 _PATIENCE = 12  # sub-problems at the largest weight that do not halve the violation: nothing near is feasible
-_FEWER = 0.3  # a violation that has not fallen to this share after a step makes the weight grow
+_FEWER = 0.3  # a violation that has not fallen to this share after a step makes the weight grow,
+_SMALL = 1e-3  # unless it is less than this: near the constraints it goes up and down with every step, and a weight
+# that follows ends in steps too small to get anywhere (so ended 10 of 74 logs of the corpus; now none)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,14 +62,15 @@ class _Point:
     objective: float
     defects: Array  # (K - 1, 4)
     missing: Array  # (K, 2)
+    excess: Array  # (2 K - 1,), of hitch angles and steering rates, which only corrections can cause
 
     @property
     def violation(self) -> float:
-        return max(float(np.abs(self.defects).max()), float(self.missing.max()))
+        return max(float(np.abs(self.defects).max()), float(self.missing.max()), float(self.excess.max()))
 
     def merit(self, penalty: Penalty) -> float:
         smooth = (penalty.dynamics * self.defects).sum() + (penalty.clearance * self.missing).sum()
-        square = (self.defects**2).sum() + (self.missing**2).sum()
+        square = (self.defects**2).sum() + (self.missing**2).sum() + (self.excess**2).sum()
         return self.objective + float(smooth) + 0.5 * penalty.weight * float(square)
 
 
@@ -94,16 +97,19 @@ class Loop:
         self.spacing = spacing
         self.solver_s = 0.0
         self._last: tuple[Knots, Penalty] | None = None
+        self._sound: _Point | None = None
+        self._near: tuple[Linearisation, Limits] | None = None
 
     def __call__(self, knots: Knots, required: Array, tell: Tell) -> Outcome:
         options = self.options
         limits = Limits(required=required, shortest=0.01 * self.spacing, longest=2.0 * self.spacing)
         point = self._evaluate(knots, limits)
         penalty, radius = self._begin(knots)
-        curvature, patience = 1.0, _Patience()
+        curvature, patience, self._sound, self._near = 1.0, _Patience(), None, None
         for iteration in range(1, options.max_iterations + 1):
             near = linearise(self.problem, point.knots, self.scales, penalty.dynamics, self._reach(limits, radius))
             near = replace(near, factor=near.factor * np.sqrt(curvature))
+            self._near = near, limits
             step = self._solve(near, limits, penalty, radius)
             if step.status != "optimal":
                 if self.solver_s >= options.time_limit:
@@ -123,6 +129,7 @@ class Loop:
             if accepted:
                 before, point = point.violation, trial
                 penalty = self._updated(penalty, step, point, before)
+                self._remember(point)
                 if point.violation <= _NEARLY and _has_vanished(point.knots, options.shortest):
                     return self._end(point, penalty, Stop.CONVERGED, iteration)
             if point.violation <= options.feasibility:
@@ -162,7 +169,9 @@ class Loop:
         np.maximum.at(missing, (rows.knot, rows.body), short)
         missing[[0, -1]] = 0.0  # nothing can be done about the ends
         value = objective_of(knots, self.problem.weights) / self.scales.cost
-        return _Point(knots, value, gaps / self.scales.state, missing / self.scales.length)
+        vehicle = self.problem.vehicle
+        excess = np.concatenate([hitch_excess(vehicle, knots), rate_excess(vehicle, knots)]) / self.scales.angle
+        return _Point(knots, value, gaps / self.scales.state, missing / self.scales.length, excess)
 
     def _reach(self, limits: Limits, radius: float) -> float:
         """Obstacles farther than this are left out of the model; a step that meets one is turned down [m]."""
@@ -203,7 +212,7 @@ class Loop:
     def _updated(self, penalty: Penalty, step: Step, point: _Point, before: float) -> Penalty:
         """Multipliers of the accepted sub-problem; a larger weight where the violation has not fallen."""
         clearance = np.maximum(penalty.clearance + penalty.weight * point.missing, 0.0)
-        stuck = point.violation > max(self.options.feasibility, _FEWER * before)
+        stuck = point.violation > max(_SMALL, _FEWER * before)
         weight = min(2.0 * penalty.weight, _LARGEST_WEIGHT) if stuck else penalty.weight
         return Penalty(weight, step.multipliers, clearance)
 
@@ -243,7 +252,19 @@ class Loop:
             solver_s=solver_s,
         )
 
+    def _remember(self, point: _Point) -> None:
+        """Keep the best point seen that keeps everything: what a loop that does not converge can still give back."""
+        if point.violation <= self.options.feasibility and (
+            self._sound is None or point.objective < self._sound.objective
+        ):
+            self._sound = point
+
     def _end(self, point: _Point, penalty: Penalty, stop: Stop, iterations: int, word: str = "") -> Outcome:
+        if stop not in (Stop.CONVERGED, Stop.FAILED) and point.violation > self.options.feasibility:
+            if self._near is not None:
+                self._remember(self._polished(point, *self._near))
+            if self._sound is not None:
+                point, stop = self._sound, Stop.STALLED if stop is Stop.INFEASIBLE else stop
         self._last = (point.knots, penalty)
         defect, missing = float(np.abs(point.defects).max()), float(point.missing.max()) * self.scales.length
         short = f"largest defect {defect:.1e}, clearance short by {missing:.1e} m"
