@@ -49,9 +49,7 @@ _SETTLED, _SETTLED_RATIO = 0.1, 0.5
 # tolerance (largest share seen on the sample logs: 0.29), and costs as much as this one
 _NEARLY = 1e-2  # violation at which a vanished segment need not wait for convergence: merging opens a gap anyway
 _PATIENCE = 12  # sub-problems at the largest weight that do not halve the violation: nothing near is feasible
-_FEWER = 0.3  # a violation that has not fallen to this share after a step makes the weight grow,
-_SMALL = 1e-3  # unless it is less than this: near the constraints it goes up and down with every step, and a weight
-# that follows ends in steps too small to get anywhere (so ended 10 of 74 logs of the corpus; now none)
+_FEWER = 0.3  # a violation that has not fallen to this share after a step makes the weight grow
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +210,7 @@ class Loop:
     def _updated(self, penalty: Penalty, step: Step, point: _Point, before: float) -> Penalty:
         """Multipliers of the accepted sub-problem; a larger weight where the violation has not fallen."""
         clearance = np.maximum(penalty.clearance + penalty.weight * point.missing, 0.0)
-        stuck = point.violation > max(_SMALL, _FEWER * before)
+        stuck = point.violation > max(self.options.feasibility, _FEWER * before)
         weight = min(2.0 * penalty.weight, _LARGEST_WEIGHT) if stuck else penalty.weight
         return Penalty(weight, step.multipliers, clearance)
 
