@@ -48,22 +48,24 @@ class OutOfTime(BaseException):
 class _Compiling(event.Listener):
     """How long kernels were being compiled since it was installed; tells when that begins and ends."""
 
-    def __init__(self, tell: Callable[[bool], None]) -> None:
-        self.tell = tell
-        self.total, self._depth, self._began = 0.0, 0, 0.0
+    def __init__(self, tell: Callable[[bool], None], clock: Callable[[], float]) -> None:
+        """`clock` is what `by_clock` is told by; `total` is told by the clock on the wall."""
+        self.tell, self.clock = tell, clock
+        self.total, self.by_clock, self._depth, self._began = 0.0, 0.0, 0, (0.0, 0.0)
 
     def on_start(self, event: event.Event) -> None:
         del event
         self._depth += 1
         if self._depth == 1:
-            self._began = time.perf_counter()
+            self._began = time.perf_counter(), self.clock()
             self.tell(True)
 
     def on_end(self, event: event.Event) -> None:
         del event
         self._depth -= 1
         if self._depth == 0:
-            self.total += time.perf_counter() - self._began
+            self.total += time.perf_counter() - self._began[0]
+            self.by_clock += self.clock() - self._began[1]
             self.tell(False)
 
 
@@ -73,22 +75,25 @@ def solve(
     on_iterate: OnIterate,
     *,
     time_limit: float = math.inf,
+    by_processor: bool = False,
     on_compiling: Callable[[bool], None] = lambda _: None,
 ) -> Solved:
     """Run a method in this process.
 
-    After `time_limit` [s], compiling not counted, the next iterate ends it, and there is no result. `on_compiling` is
-    told True when compiling begins and False when it ends.
+    After `time_limit` [s], compiling not counted, the next iterate ends it, and there is no result; with
+    `by_processor` that is the time for which the processor has worked for this process. `on_compiling` is told True
+    when compiling begins and False when it ends.
     """
-    compiling = _Compiling(on_compiling)
-    started = time.perf_counter()
+    clock = time.process_time if by_processor else time.perf_counter
+    compiling = _Compiling(on_compiling, clock)
+    started, by_clock = time.perf_counter(), clock()
 
     def spent() -> float:
         return time.perf_counter() - started - compiling.total
 
     def watched(iterate: Iterate) -> None:
         on_iterate(iterate)
-        if spent() > time_limit:
+        if clock() - by_clock - compiling.by_clock > time_limit:
             raise OutOfTime
 
     result, late, error, trace = None, False, "", ""

@@ -32,6 +32,8 @@ from replay.solving import OnNamedIterate, OnStart, Solved, solve
 
 GRACE_S = 2.0
 """Time that a method has to tell its next iterate after its time is up [s]; then its process is ended."""
+BUSY = 5.0
+"""Times the limit of processor time by which a busy machine may delay a method; then it is taken to hang."""
 _MIB = 1 << 20
 _PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
 _ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP} if hasattr(signal, "SIGHUP") else set[signal.Signals]()
@@ -54,8 +56,15 @@ class Limits:
 
     time_s: float = math.inf
     """Of solving, compiling not counted [s]."""
+    by_processor: bool = False
+    """Whether that is time of the processor, which does not depend on what else the machine does."""
     memory_mib: int | None = None
     """Of data that the process may hold [MiB]; only systems with RLIMIT_DATA keep it."""
+
+    @property
+    def watch_s(self) -> float:
+        """Time by the clock on the wall after which the process is ended, whatever it does [s]."""
+        return self.time_s * (BUSY if self.by_processor else 1.0) + GRACE_S
 
 
 NO_LIMITS = Limits()
@@ -94,9 +103,9 @@ class Worker:
     def begin(self, problem: Problem, method: Method, on_iterate: OnIterate) -> None:
         """Give a method to the child, which has none; `step` hears what comes of it."""
         pipe = self._ready()
-        self._clock, self._on_iterate = _Clock(self.limits.time_s + GRACE_S), on_iterate
+        self._clock, self._on_iterate = _Clock(self.limits.watch_s), on_iterate
         with contextlib.suppress(BrokenPipeError):  # it has died: the pipe's end says so in `step`
-            _send(pipe, (problem, method, self.limits.time_s))
+            _send(pipe, (problem, method, self.limits.time_s, self.limits.by_processor))
 
     @property
     def pipe(self) -> Any:
@@ -258,10 +267,11 @@ def _serve(pipe: Connection, parents: Connection, memory_mib: int | None, parent
     limit_memory(memory_mib)
     with contextlib.suppress(EOFError, OSError):
         while True:
-            problem, method, time_limit = pickle.loads(pipe.recv_bytes())
+            problem, method, limit, by_processor = pickle.loads(pipe.recv_bytes())
             tell: Callable[[Any], None] = lambda iterate: _send(pipe, ("iterate", iterate))  # noqa: E731
             told: Callable[[bool], None] = lambda on: _send(pipe, ("compiling", on))  # noqa: E731
-            _send(pipe, ("solved", solve(problem, method, tell, time_limit=time_limit, on_compiling=told)))
+            solved = solve(problem, method, tell, time_limit=limit, by_processor=by_processor, on_compiling=told)
+            _send(pipe, ("solved", solved))
 
 
 @contextlib.contextmanager

@@ -58,6 +58,12 @@ def _case(problem: Problem) -> Case:
     return Case(name="yard/0", log=log, sha256="0" * 64, problem=problem, read=read, map=None, frame="map")
 
 
+def _data_mib() -> int:
+    """Data of this process, which children inherit [MiB]: hundreds, after other tests."""
+    status = pathlib.Path("/proc/self/status").read_text()
+    return int(status.partition("VmData:")[2].split()[0]) // 1024
+
+
 @pytest.mark.parametrize(
     ("how", "words"),
     [
@@ -69,7 +75,7 @@ def _case(problem: Problem) -> Case:
 )
 def test_a_method_that_goes_wrong_in_any_way_has_failed_and_the_next_one_goes_on(how, words):
     problem = random_problem(1)
-    with Workers(Limits(memory_mib=1500)) as workers:
+    with Workers(Limits(memory_mib=_data_mib() + 1000)) as workers:
         run = run_case(_case(problem), {"bad": Bad(how=how), "shortcut": Shortcut(tries=200)}, solve=workers)
     bad, good = run.methods
     assert bad.status == "failed"
@@ -92,6 +98,35 @@ def test_when_time_is_up_the_best_iterate_that_passes_the_audit_is_the_result(ho
     assert "Its time was up" in run.reason
     assert "iterate 1" in run.reason
     np.testing.assert_array_equal(run.path.samples.states, better.samples.states)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Lasts:
+    """A method that sleeps, or works, for some seconds, and tells an iterate all the time."""
+
+    sleeps: bool
+    seconds: float
+
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        ends = time.monotonic() + self.seconds
+        while time.monotonic() < ends:
+            on_iterate(Iterate(iteration=0, path=problem.initial, objective=100.0))
+            if self.sleeps:
+                time.sleep(0.05)
+        return Result(path=problem.initial, stop=Stop.CONVERGED, reason="It has lasted.", iterations=0)
+
+
+def test_a_limit_of_processor_time_does_not_end_a_method_that_had_to_wait():
+    methods = {"waited": Lasts(sleeps=True, seconds=1.5), "worked": Lasts(sleeps=False, seconds=30.0)}
+    with Workers(Limits(time_s=1.0, by_processor=True)) as workers:
+        waited, worked = run_case(_case(random_problem(1)), methods, solve=workers).methods
+    assert (waited.stop, worked.stop) == (Stop.CONVERGED.value, Stop.TIME_LIMIT.value)
+
+
+def test_a_method_that_hangs_is_ended_though_it_uses_no_processor_time():
+    with Workers(Limits(time_s=0.2, by_processor=True)) as workers:
+        (run,) = run_case(_case(random_problem(1)), {"bad": Bad(how="hangs")}, solve=workers).methods
+    assert run.stop == Stop.TIME_LIMIT.value
 
 
 def test_without_a_better_iterate_the_recorded_path_is_kept_when_time_is_up():

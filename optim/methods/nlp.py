@@ -36,7 +36,7 @@ class Nlp:
     removals: int = 0
     """Segments of the converged path whose removal is tried, shortest first; each costs about as much as the rest."""
     time_limit: float = 120.0
-    """Time in IPOPT, all solutions together [s]."""
+    """Processor time in IPOPT, all solutions together [s]."""
 
     def __post_init__(self) -> None:
         expected = {

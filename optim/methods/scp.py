@@ -38,7 +38,7 @@ class Scp:
     solver: Literal["clarabel", "piqp", "qoco", "osqp"] = "clarabel"
     """Solver of the sub-problems; others than Clarabel must be installed (pip install piqp qoco osqp)."""
     time_limit: float = 60.0
-    """Time in the solver, all sub-problems together [s]."""
+    """Processor time for solving sub-problems, all together [s]."""
 
     def __post_init__(self) -> None:
         expected = {

@@ -19,7 +19,6 @@ _WORDS = {
     "Solved_To_Acceptable_Level": (Stop.CONVERGED, "converged to IPOPT's acceptable level only"),
     "Maximum_Iterations_Exceeded": (Stop.ITERATION_LIMIT, "the iterations were not enough"),
     "Maximum_CpuTime_Exceeded": (Stop.TIME_LIMIT, "out of time"),
-    "Maximum_WallTime_Exceeded": (Stop.TIME_LIMIT, "out of time"),
     "Infeasible_Problem_Detected": (Stop.INFEASIBLE, "no clear and drivable path near this one"),
     "Restoration_Failed": (Stop.STALLED, "IPOPT's restoration found no way back to the constraints"),
     "Search_Direction_Becomes_Too_Small": (Stop.STALLED, "IPOPT's steps became too small"),
@@ -95,7 +94,7 @@ class Ipopt:
             "ipopt.tol": self.options.tolerance,
             "ipopt.constr_viol_tol": _VIOLATION,
             "ipopt.mu_strategy": "adaptive",  # a third of the iterations of the monotone one, on every log tried
-            "ipopt.max_wall_time": max(self.remaining, 1e-3),
+            "ipopt.max_cpu_time": max(self.remaining, 1e-3),
         }
         if warm:
             options |= {"ipopt.mu_init": 1e-4, "ipopt.bound_push": 1e-4, "ipopt.bound_frac": 1e-4}
@@ -104,7 +103,7 @@ class Ipopt:
         if watch.error is not None:
             raise watch.error
         stats = solver.stats()
-        self.remaining -= float(stats["t_wall_total"])
+        self.remaining -= float(stats["t_proc_total"])
         solved = self.knots_at(np.asarray(found["x"]).ravel(), knots)
         return solved, stats["return_status"], int(stats["iter_count"])
 

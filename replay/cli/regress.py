@@ -99,8 +99,8 @@ def run(
     seed
         Seed for every method that has one.
     time_limit
-        Time that each method has for a case [s], compiling not counted. A watchdog; what ends by it may differ from
-        run to run.
+        Processor time that each method has for a case [s], compiling not counted: a watchdog, which does not depend on
+        what else the machine does. By the clock on the wall a method may take five times as long.
     memory_limit
         Memory that the process of a log, and that of its methods, may use [MiB].
     config

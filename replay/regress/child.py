@@ -30,7 +30,7 @@ def _serve(pipe: Connection, time_limit: float, memory_limit: int) -> None:
     from replay.worker import Limits, Workers, limit_memory
 
     limit_memory(memory_limit)
-    with Workers(Limits(time_s=time_limit, memory_mib=memory_limit)) as workers:
+    with Workers(Limits(time_s=time_limit, by_processor=True, memory_mib=memory_limit)) as workers:
         pipe.send(("ready", None))
         while True:
             job = pickle.loads(pipe.recv_bytes())

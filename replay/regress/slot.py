@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import IO, Any, Self
 
 from replay.regress.work import Job, Outcome, publish_error
+from replay.worker import BUSY
 
 START_S = 120.0
 """Time for a process to start and import what it needs [s]."""
@@ -84,7 +85,7 @@ class Slot:
             if kind == "done":
                 return body
             is_method = body.startswith("method ")
-            stage, limit = body, job.settings.time_limit + COMPILE_S if is_method else usual
+            stage, limit = body, BUSY * job.settings.time_limit + COMPILE_S if is_method else usual
 
     def _next(self, pipe: Connection, stage: str, limit: float) -> tuple[str, Any]:
         """The next message. Raises _Late, Stopped, EOFError where the process has died."""
