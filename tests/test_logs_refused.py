@@ -293,6 +293,9 @@ def test_a_path_that_no_truck_can_drive_is_told_by_its_deviation(read: Read) -> 
         {"height": 0.0},
         {"unknown": "maybe"},
         {"start_direction": 2},
+        {"case": -1},
+        {"reference": "hitch"},
+        {"reference_offset": 31.0},
     ],
 )
 def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
