@@ -27,6 +27,7 @@ from optim.vehicle import Vehicle, roll_out
 _STEER_GUESS = 1.2  # [rad]: larger angles are no steering; keeps tan(phi) away from its pole
 _ROOM = 0.9  # steps are laid out this much shorter than the spacing, since the fit may lengthen them
 _LARGEST_STEP = 0.3  # [rad]: a Gauss-Newton step changes no steering angle by more
+_LONGEST = 10.0  # times the arc between two poses: what diverges stays of a size that can be sampled
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -112,13 +113,13 @@ def fit_path(
 
 def _descend(task: Task, knots: Array, lengths: Array) -> tuple[Array, Array]:
     """Gauss-Newton steps from these knots (K, 5) and lengths (n - 1,) on."""
-    size, options = knots.size, task.options
+    size, options, longest = knots.size, task.options, _LONGEST * _arc_lengths(task.poses)
     for _ in range(options.max_iterations if task.bounds is None else options.max_bounded):
         step = gauss_newton(task, knots, lengths)
         change = step[:size].reshape(-1, 5)
         scale = min(1.0, _LARGEST_STEP / max(np.abs(change[:, 4]).max(), 1e-12))
         knots = knots + scale * change
-        lengths = np.maximum(lengths + scale * step[size:], 0.1 * lengths)
+        lengths = np.clip(lengths + scale * step[size:], 0.1 * lengths, longest)
         if np.abs(step).max() <= options.tolerance:
             break
     return knots, lengths

@@ -95,7 +95,7 @@ def test_the_scenes_are_of_both_kinds() -> None:
 def test_a_smaller_vehicle_never_turns_a_pass_into_a_rejection(seed: int, name: str, factor: float) -> None:
     case = crowded(seed)
     before = audited(case)
-    case["vehicle"] = dataclasses.asdict(dataclasses.replace(VEHICLE, **{name: factor * getattr(VEHICLE, name)}))
+    case["vehicle"] = dataclasses.asdict(VEHICLE) | {name: factor * getattr(VEHICLE, name)}
     after = audited(case)
     assert set(after.failed) <= set(before.failed)
 

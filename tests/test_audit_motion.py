@@ -36,7 +36,8 @@ def test_the_inflated_hull_contains_the_motion_and_is_not_much_larger() -> None:
     ratios = []
     for k in range(300):
         offset = 0.0 if k % 2 else float(rng.uniform(-1, 1))
-        vehicle = Vehicle(hitch_to_axle=rng.uniform(3, 9), trailer_rear=rng.uniform(3, 14), hitch_offset=offset)
+        to_axle, overhang = rng.uniform(3, 9), rng.uniform(0, 5)
+        vehicle = Vehicle(hitch_to_axle=to_axle, trailer_rear=to_axle + overhang, hitch_offset=offset)
         path = random_motion(rng, vehicle, ds=float(rng.uniform(0.02, 0.5)))
         truck, track = read_vehicle(dataclasses.asdict(vehicle)), read_path(plain(path), "path")
         spread = inflation(truck, track, np.zeros((4, 1)))[0]

@@ -14,6 +14,8 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import DataEnd
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
+from mcap_bytes import DEFINITIONS, chunk, container
+from mcap_bytes import message as message_record
 from mcap_ros2.decoder import DecoderFactory
 
 import replay.cli
@@ -107,6 +109,26 @@ def test_a_damaged_log_is_not_copied(tmp_path):
     assert log.lost
     with pytest.raises(LogError, match="part of it is damaged, and a copy would be too"):
         append(log, io.BytesIO(), [], {})
+
+
+def test_a_log_that_is_cut_off_after_it_was_read_is_not_copied(tmp_path):
+    (tmp_path / "log.mcap").write_bytes(bare())
+    log = scan(tmp_path / "log.mcap", lambda _: True)
+    (tmp_path / "log.mcap").write_bytes(bare()[:200])
+    with pytest.raises(LogError, match="it cannot be copied: the file ends within a record"):
+        append(log, io.BytesIO(), [], {})
+
+
+def test_a_chunk_without_records_does_not_change_the_times_of_a_copy(tmp_path):
+    content = container(chunk(DEFINITIONS + message_record(time=70)), chunk(b""))
+    (tmp_path / "log.mcap").write_bytes(content)
+    copy = io.BytesIO()
+    append(scan(tmp_path / "log.mcap", lambda _: True), copy, [], {"more": {"key": "value"}})
+    (tmp_path / "copy.mcap").write_bytes(copy.getvalue())
+    log = scan(tmp_path / "copy.mcap", lambda _: True)
+    assert log.findings == ()
+    assert [(each.data, each.log_time) for each in log.messages] == [(b"payload", 70)]
+    assert [each.name for each in log.metadata] == ["more"]
 
 
 @pytest.fixture(scope="module", params=[CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])

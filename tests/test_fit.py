@@ -76,6 +76,14 @@ def test_poses_that_no_truck_can_drive_show_as_deviation():
     assert fit.position_error.max() > 0.1
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_a_fit_that_leads_nowhere_is_not_much_longer_than_the_way_from_pose_to_pose(seed):
+    rng = np.random.default_rng(seed)
+    poses = np.column_stack([np.cumsum(rng.uniform(-1.0, 1.0, (8, 2)), axis=0), np.zeros(8)])
+    fit = fit_path(VEHICLE, poses, rng.choice([-1, 1], 7), None, 1.2)
+    assert fit.path.length <= 10.0 * np.hypot(*np.diff(poses[:, :2], axis=0).T).sum() * (1.0 + 1e-9)
+
+
 def test_too_few_poses_are_refused():
     with pytest.raises(ValueError, match="1 poses"):
         fit_path(VEHICLE, np.zeros((1, 3)), np.zeros(0, int))

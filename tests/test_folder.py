@@ -139,6 +139,10 @@ def test_other_folders_are_refused(bag: pathlib.Path, tmp_path: pathlib.Path) ->
     (bag / METADATA).write_bytes(b"\xff\xfe")
     assert "UTF-8" in str(error_of(bag))
     (bag / METADATA).unlink()
+    (bag / METADATA).symlink_to("/proc/self/mem")  # whose first byte cannot be read
+    error = error_of(bag)
+    assert (error.code, "metadata.yaml cannot be read" in str(error)) == ("E_METADATA", True)
+    (bag / METADATA).unlink()
     error = error_of(bag)  # two logs beside each other are no recording in parts
     assert (error.code, "without metadata.yaml" in str(error)) == ("E_NOT_A_FILE", True)
     empty = tmp_path / "empty"

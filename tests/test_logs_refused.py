@@ -114,6 +114,35 @@ def test_a_vehicle_that_cannot_be_is_refused(
     assert says in str(error)
 
 
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"trailer_rear": "8.0"},  # the axle at the very end
+        {"truck_front": "3.6", "truck_rear": "0"},
+        {"max_steer_rate": "10"},  # that steers while it hardly moves
+        {"max_steer_rate": "0.01"},
+        {"hitch_offset": "-0.4"},
+    ],
+)
+def test_a_vehicle_that_is_odd_but_possible_is_used(read: Read, values: dict[str, str]) -> None:
+    maker = make.sound_log(trailer=False)
+    maker.metadata = []
+    (case,) = read(maker.vehicle(None, **values))
+    found = dataclasses.asdict(case.problem.vehicle)
+    assert {name: found[name] for name in values} == {name: float(text) for name, text in values.items()}
+
+
+def test_a_body_whose_length_the_log_does_not_give_reaches_its_axle(read: Read) -> None:
+    maker = make.sound_log(trailer=False)
+    maker.metadata = [("vehicle", {"wheelbase": "5.6", "hitch_to_axle": "12.036"})]
+    (case,) = read(maker)
+    assert (case.problem.vehicle.truck_front, case.problem.vehicle.trailer_rear) == (5.6, 12.036)
+    assert any("trailer_rear is taken to be hitch_to_axle, 12.036 m" in note for note in case.read.notes)
+    maker.metadata = [("vehicle", {"wheelbase": "3.6", "hitch_to_axle": "11"})]
+    (case,) = read(maker)
+    assert (case.problem.vehicle.truck_front, case.problem.vehicle.trailer_rear) == (5.0, 12.0)
+
+
 @pytest.mark.parametrize("text", ["", "7", "[1, 2.5]", "[true]", "[1, 900]", "[-1]", "[" * 5000, json.dumps(["1"])])
 def test_node_indices_that_are_none_are_refused(refusal: Callable[..., LogError], text: str) -> None:
     assert refusal(make.sound_log().nodes(text)).code == "E_PATH_NODES"
@@ -264,6 +293,9 @@ def test_a_path_that_no_truck_can_drive_is_told_by_its_deviation(read: Read) -> 
         {"height": 0.0},
         {"unknown": "maybe"},
         {"start_direction": 2},
+        {"case": -1},
+        {"reference": "hitch"},
+        {"reference_offset": 31.0},
     ],
 )
 def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:

@@ -82,6 +82,18 @@ WRONG: dict[str, tuple[Callable[[], make.LogMaker], str]] = {
     ),
     "a vehicle in millimetres": (lambda: vehicle(wheelbase="3600"), "wheelbase is 3600.0, expected a number from"),
     "a steering limit in degrees": (lambda: vehicle(max_steer="31"), "max_steer is 31.0, expected a number from"),
+    "a steering rate in degrees": (
+        lambda: vehicle(max_steer_rate="28.6"),
+        "max_steer_rate is 28.6 rad/m, expected at most 10 with that wheelbase; is it in degrees?",
+    ),
+    "a trailer's rear measured from its axle": (
+        lambda: vehicle(trailer_rear="4"),
+        "trailer_rear is 4.0, expected at least hitch_to_axle, 8.0: both are measured from the hitch",
+    ),
+    "a truck's front measured from its front axle": (
+        lambda: vehicle(truck_front="1.4"),
+        "truck_front is 1.4, expected at least wheelbase, 3.6: both are measured from the rear axle",
+    ),
     "a hitch limit in degrees": (lambda: vehicle(max_hitch="57"), "max_hitch is 57.0, expected a number from"),
 }
 

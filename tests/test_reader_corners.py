@@ -1,7 +1,10 @@
 """Corners of the reader that real logs reach seldom: odd records, odd definitions, paths that are nearly none."""
 
+import os
 import struct
+import zlib
 from collections.abc import Callable
+from pathlib import Path
 
 import logs_maker as make
 import numpy as np
@@ -10,8 +13,9 @@ from mcap_bytes import DEFINITIONS, FOOTER, HEADER, channel, chunk, codes, conta
 
 from replay.case import Case
 from replay.errors import LogError
+from replay.logs.container import scan
 from replay.logs.layout import LayoutError, matching_layout
-from replay.logs.records import Limits, Log
+from replay.logs.records import Channel, Limits, Log
 from replay.logs.ros2 import FAMILIES
 
 Scanned = Callable[..., Log]
@@ -74,6 +78,55 @@ def test_more_channels_than_the_limit_are_an_error(scanned: Scanned) -> None:
     assert caught.value.code == "E_TOO_MANY_CHANNELS"
 
 
+def test_an_attachment_is_checked_to_its_end_however_long(scanned: Scanned) -> None:
+    for size in (1 << 20, (5 << 20) + 7):
+        body = bytes(16) + text("a.bin") + text("x/y") + struct.pack("<Q", size) + bytes(size)
+        for crc, found in ((zlib.crc32(body), set()), (zlib.crc32(body) ^ 1, {"W_CRC_ATTACHMENT"})):
+            attachment = record(9, body + struct.pack("<I", crc))
+            assert codes(scanned(container(attachment, chunk(ONE)))) == found
+
+
+def test_a_chunk_with_half_a_record_at_its_end_delivers_nothing(scanned: Scanned) -> None:
+    log = scanned(container(chunk(ONE), chunk(message(data=b"b") + b"\5\1")))
+    assert [each.data for each in log.messages] == [b"a"]
+    assert any("2 bytes after its last record" in finding.text for finding in log.findings)
+
+
+def test_messages_outside_chunks_that_nobody_wants_are_counted(tmp_path: Path) -> None:
+    file = tmp_path / "log.mcap"
+    file.write_bytes(container(DEFINITIONS, channel(2, topic="/y"), message(1), message(2), message(2)))
+    log = scan(file, lambda each: each.topic == "/x")
+    assert log.counts == {1: 1, 2: 2}
+    assert [each.channel.topic for each in log.messages] == ["/x"]
+
+
+def test_a_file_that_grows_while_it_is_read_is_no_log_yet(tmp_path: Path) -> None:
+    file = tmp_path / "log.mcap"
+    file.write_bytes(container(chunk(ONE)))
+
+    def recorded_further(_: Channel) -> bool:
+        with file.open("ab") as stream:
+            stream.write(b"more")
+        return True
+
+    with pytest.raises(LogError, match="the file changed while it was read") as caught:
+        scan(file, recorded_further)
+    assert caught.value.code == "E_CHANGED"
+
+
+def test_a_file_that_is_cut_while_it_is_read_is_no_log(tmp_path: Path) -> None:
+    file = tmp_path / "log.mcap"
+    file.write_bytes(container(chunk(ONE), record(200, bytes(3 << 20)), chunk(message(data=b"b"))))
+
+    def cut_off(_: Channel) -> bool:
+        os.truncate(file, 1 << 21)
+        return True
+
+    with pytest.raises(LogError, match="the file changed while it was read") as caught:
+        scan(file, cut_off)
+    assert caught.value.code == "E_CHANGED"
+
+
 # ---- definitions
 
 
@@ -89,6 +142,37 @@ def test_a_definition_that_is_not_the_standard_one_is_told_by_its_first_differen
     standard = FAMILIES["nav_msgs/msg/OccupancyGrid"].standards[0]
     with pytest.raises(LayoutError, match=says):
         matching_layout("nav_msgs/msg/OccupancyGrid", change(standard).encode(), (standard,))
+
+
+# ---- what is there at all
+
+
+def test_a_log_without_a_message_says_so(refusal: Refusal) -> None:
+    assert "it holds no messages" in str(refusal(container(chunk(DEFINITIONS))))
+
+
+def test_a_path_whose_definition_is_missing_is_told_apart_from_none(refusal: Refusal) -> None:
+    kind, data = make.GRID, make.serialised(make.grid(make.yard()))
+    definition = FAMILIES[kind].standards[0].encode()
+    map_records = schema(1, kind, definition) + channel(1, topic="/map") + message(1, data=data)
+    error = refusal(container(chunk(map_records), chunk(channel(2, schema_id=9, topic="/truck") + message(2))))
+    assert error.code == "E_NO_SCHEMA"
+    assert "some topics refer to schemas that are missing" in str(error)
+
+
+def test_a_message_at_no_time_is_refused(refusal: Refusal) -> None:
+    log = make.sound_log()
+    log.messages[-1] = (*log.messages[-1][:-1], 1 << 63)
+    error = refusal(log)
+    assert error.code == "E_TIME"
+    assert "log time 9223372036854775808 ns is no time" in str(error)
+
+
+def test_vehicles_that_differ_leave_open_which_one_is_meant(read: Read, refusal: Refusal) -> None:
+    assert read(make.sound_log().vehicle())
+    error = refusal(make.sound_log().vehicle(None, wheelbase="3.7"))
+    assert error.code == "E_VEHICLE"
+    assert "several metadata records 'vehicle'" in str(error)
 
 
 # ---- paths

@@ -96,6 +96,17 @@ def test_a_hitch_angle_that_the_poses_leave_open_is_one_at_which_the_trailer_is_
     assert told > 0
 
 
+def test_a_trailer_that_no_hitch_angle_frees_is_left_where_the_poses_have_it() -> None:
+    states = _forward_and_back(40.0)
+    recorded = _read(states, 0.03, 0.01, 0)
+    scene = make_scene([_box(states[-1, 0] - 0.1, states[-1, 1] - 0.1, 0.2, 0.2)])  # at the hitch itself
+    alone, _ = repaired(VEHICLE, FAR, recorded, None, 0.0)
+    fit, notes = repaired(VEHICLE, scene, recorded, None, 0.0)
+    assert path_clearance(VEHICLE, scene, fit.path) < -0.5
+    assert not any("it is taken to end at" in note for note in notes)
+    assert fit.path.goal[3] == pytest.approx(alone.path.goal[3], abs=0.02)
+
+
 def test_the_expected_error_of_the_last_hitch_angle_is_that_of_many_noisy_logs() -> None:
     states = _forward_and_back(20.0)
     fits = [repaired(VEHICLE, FAR, _read(states, 0.03, 0.01, seed), None, 0.0)[0] for seed in range(8)]

@@ -19,7 +19,7 @@ from optim.vehicle import (
 
 VEHICLES = [
     Vehicle(),
-    Vehicle(hitch_to_axle=12.036),
+    Vehicle(hitch_to_axle=12.036, trailer_rear=14.6),
     Vehicle(wheelbase=2.8, hitch_to_axle=5.0, hitch_offset=0.7),
 ]
 angles = st.floats(-0.9, 0.9)

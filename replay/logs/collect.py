@@ -41,14 +41,14 @@ class Collector:
     # ---- records outside chunks
 
     def add(self, opcode: int, cursor: Cursor, *, in_chunk: bool = False) -> None:
-        """A Schema, Channel, Message or Metadata record. Raises Malformed, LogError."""
+        """A Schema, Channel, Message, or else a Metadata record. Raises Malformed, LogError."""
         if opcode == r.SCHEMA:
             self.definitions.add_schema(cursor, in_chunk)
         elif opcode == r.CHANNEL:
             self._add_channel(cursor, in_chunk)
         elif opcode == r.MESSAGE:
             self._add_loose(cursor)
-        elif opcode == r.METADATA:
+        else:
             self._add_metadata(cursor)
 
     def _add_metadata(self, cursor: Cursor) -> None:

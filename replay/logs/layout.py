@@ -77,14 +77,13 @@ def matching_layout(name: str, definition: bytes, standards: tuple[str, ...], en
 
 
 def _difference(found: Layout, standard: Layout) -> str:
-    for kind, fields in standard.items():
-        mine = found.get(kind)
-        if mine is None:
-            return f"{kind} is not defined"
-        for number, expected in enumerate(fields):
-            if number >= len(mine) or mine[number] != expected:
-                have = " ".join(mine[number])[:60] if number < len(mine) else "nothing"
-                return f"field {number + 1} of {kind} is {have!r}, expected {' '.join(expected)!r}"
-        if len(mine) > len(fields):
-            return f"{kind} has the unknown field {mine[len(fields)][1][:40]!r}"
-    return "the definition differs from the standard one"
+    """The first one of two layouts that differ."""
+    kind, fields = next((kind, fields) for kind, fields in standard.items() if found.get(kind) != fields)
+    mine = found.get(kind)
+    if mine is None:
+        return f"{kind} is not defined"
+    for number, expected in enumerate(fields):
+        if number >= len(mine) or mine[number] != expected:
+            have = " ".join(mine[number])[:60] if number < len(mine) else "nothing"
+            return f"field {number + 1} of {kind} is {have!r}, expected {' '.join(expected)!r}"
+    return f"{kind} has the unknown field {mine[len(fields)][1][:40]!r}"

@@ -3,7 +3,6 @@
 import dataclasses
 import hashlib
 from bisect import bisect_right
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +19,8 @@ from replay.logs.options import ReadOptions
 from replay.logs.planar import Refusal
 from replay.logs.topics import Topic, refused
 
+_BESIDE = 1e-3 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+"""From a point on the edge of cells into all that may have it on their edge [m]."""
 MAX_CORNERS = 10_000
 """Most corners of one polygon."""
 
@@ -43,8 +44,10 @@ class LogMap:
             check_under_path(self.image, vehicle, states, self.options)
 
     def hint(self, point: Array) -> str:
-        """What a user may try about an obstacle at a point."""
-        if self.image is not None and cells_at(self.image, point) == -1:
+        """What a user may try about an obstacle at a point of its edge."""
+        if self.image is None or self.options.unknown == "free":
+            return ""
+        if (cells_at(self.image, point + _BESIDE) == -1).any():
             return "; the cell there is unknown: `--unknown free` takes unknown cells for free"
         return ""
 
@@ -57,8 +60,11 @@ class Maps:
         self.frames = frames
         self.options = options
         self._times = [message.log_time for message in topic.messages]
-        self._built: dict[object, LogMap] = {}
-        self._key_of: dict[int, object] = {}
+        self._understood: dict[int, LogMap] = {}
+        self._grids: dict[tuple[object, ...], LogMap] = {}
+        """By what is in them: a latched map repeats itself."""
+        self._markers_then: tuple[int, Markers] = 0, {}
+        """The markers that are there after so many messages."""
 
     def index_at(self, log_time: int) -> int:
         """The newest message up to a time, else the first one after it."""
@@ -69,26 +75,22 @@ class Maps:
         index = self.index_at(log_time)
         notes = ["the map was logged after the path"] if self._times[index] > log_time else []
         try:
-            builders = {"grid": self._grid, "markers": self._markers, "polygon": self._polygons}
-            return builders[self.topic.family.role](index), notes
+            if index not in self._understood:
+                builders = {"grid": self._grid, "markers": self._markers, "polygon": self._polygons}
+                self._understood[index] = builders[self.topic.family.role](index)
+            return self._understood[index], notes
         except Refusal as error:
             refused(self.topic, index, error)
         except ValueError as error:  # from the scene: shapes that are no obstacles, grids too wide
             self.topic.fail("E_MAP", str(error), index)
 
-    def _once(self, index: int, key: object, build: Callable[[], LogMap]) -> LogMap:
-        self._key_of[index] = key
-        if key not in self._built:
-            self._built[key] = build()
-        return self._built[key]
-
     def _grid(self, index: int) -> LogMap:
-        if index in self._key_of:
-            return self._built[self._key_of[index]]
         grid: Grid = self.topic.decode(index)
         content = hashlib.sha256(grid.data.tobytes() + grid.origin.tobytes()).digest()
         key = grid.header.frame, grid.width, grid.resolution, content
-        return self._once(index, key, lambda: self._build_grid(grid))
+        if key not in self._grids:
+            self._grids[key] = self._build_grid(grid)
+        return self._grids[key]
 
     def _build_grid(self, grid: Grid) -> LogMap:
         image, notes = map_image(grid)
@@ -104,12 +106,13 @@ class Maps:
         )
 
     def _markers(self, index: int) -> LogMap:
-        if index in self._key_of:
-            return self._built[self._key_of[index]]
-        state: Markers = {}
-        for i in range(index + 1):
+        done, state = self._markers_then
+        if done > index:  # requests come in order of time, so that each message is applied once
+            done, state = 0, {}
+        for i in range(done, index + 1):
             apply_markers(state, self.topic.decode(i))
-        return self._once(index, index, lambda: self._build_markers(state))
+        self._markers_then = index + 1, state
+        return self._build_markers(state)
 
     def _build_markers(self, state: Markers) -> LogMap:
         if not state:
@@ -142,9 +145,7 @@ class Maps:
         return frame, [dataclasses.replace(each, pose=pose) for each, pose in zip(markers, moved, strict=True)]
 
     def _polygons(self, index: int) -> LogMap:
-        if index in self._key_of:
-            return self._built[self._key_of[index]]
-        rings: list[Ring] = []
+        messages: list[tuple[Ring, ...]] = []
         moment = None
         for i in range(index, -1, -1):  # one message for each polygon: those of one moment are one map
             each: tuple[Ring, ...] = self.topic.decode(i)
@@ -152,8 +153,8 @@ class Maps:
             moment = stamps if moment is None else moment
             if stamps != moment:
                 break
-            rings = [*each, *rings]
-        return self._once(index, index, lambda: self._build_polygons(rings))
+            messages.append(each)
+        return self._build_polygons([ring for each in reversed(messages) for ring in each])
 
     def _build_polygons(self, rings: list[Ring]) -> LogMap:
         frames = sorted({frame_name(ring.header.frame) for ring in rings if ring.header})

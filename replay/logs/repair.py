@@ -87,7 +87,21 @@ class _Task(NamedTuple):
         """By how much a path overlaps obstacles [m]; negative: by how much it is clear of them."""
         return -path_clearance(self.vehicle, self.scene, fit.path)
 
-    def is_near(self, fit: Fit, first: Fit) -> bool:
+    def other(
+        self,
+        first: Fit,
+        bounds: Bounds | None = None,
+        goal_hitch: float | None = None,
+        options: FitOptions | None = None,
+    ) -> Fit | None:
+        """Another fit, begun with the first; None where there is none as near to the poses within their noise."""
+        try:
+            fit = self.fit(bounds, goal_hitch, first, options)
+        except Refusal:
+            return None
+        return fit if self._is_near(fit, first) else None
+
+    def _is_near(self, fit: Fit, first: Fit) -> bool:
         """Whether a fit is drivable and as near to the poses as the first, within their noise."""
         if fit.defect > LARGEST_DEFECT:
             return False
@@ -114,16 +128,17 @@ def _with_a_hitch_that_is_free(task: _Task, first: Fit) -> tuple[Fit, list[str]]
     free: list[Fit] = []
     may_break = _breaks_limits(task.vehicle, first)
     for angle in tried[np.abs(tried) <= task.vehicle.max_hitch]:
-        fit = task.fit(goal_hitch=float(angle), start=first, options=_ROUGHLY)
-        is_within = may_break or not _breaks_limits(task.vehicle, fit)
-        if is_within and task.is_near(fit, first) and task.overlap(fit) <= _NEARLY:
+        fit = task.other(first, goal_hitch=float(angle), options=_ROUGHLY)
+        if fit is None or (_breaks_limits(task.vehicle, fit) and not may_break):
+            continue
+        if task.overlap(fit) <= _NEARLY:
             free.append(fit)
     if not free:
         return first, []
     angles = np.array([fit.path.goal[3] for fit in free])
     likely = np.exp(-0.5 * ((angles - before) / sigma) ** 2)
     best = free[int(np.argmin(np.abs(angles - np.sum(likely * angles) / likely.sum())))]
-    best = task.fit(goal_hitch=float(best.path.goal[3]), start=best)
+    best = task.other(best, goal_hitch=float(best.path.goal[3])) or best
     after = float(best.path.goal[3])
     text = (
         f"integrated from the poses alone, the trailer would overlap obstacles by {task.overlap(first):.2f} m and end "
@@ -138,13 +153,10 @@ def _within_bounds(task: _Task, first: Fit, goal_hitch: float | None) -> tuple[F
     for limits, clear in ((breaks, overlap > 0.0), (False, True), (True, False)):
         if not (limits or clear) or (limits and not breaks) or (clear and not 0.0 < overlap <= _DEEP):
             continue
-        bounds = Bounds(limits=limits, scene=task.scene if clear else None)
-        try:
-            second = task.fit(bounds, goal_hitch, first)
-        except Refusal:
+        second = task.other(first, Bounds(limits=limits, scene=task.scene if clear else None), goal_hitch)
+        if second is None or (limits and _breaks_limits(task.vehicle, second)):
             continue
-        keeps = not (limits and _breaks_limits(task.vehicle, second)) and not (clear and task.overlap(second) > 0.0)
-        if keeps and task.is_near(second, first):
+        if not clear or task.overlap(second) <= 0.0:
             return second, [_told(limits, overlap if clear else 0.0, first, second)]
     return first, []
 

@@ -51,12 +51,12 @@ def truck_and_trailer(
         return trucks[0], None
     for topic in every:  # a path that is broken in itself fits nothing: that is the better news
         _check_alone(topic)
-    nearest = min(misfit for misfit, _ in misfits.values())
     found = "no two of them belong together as truck and trailer"
     reasons = [reason for _, reason in misfits.values() if reason]
     if reasons:
         found += f" ({reasons[0]})"
-    elif np.isfinite(nearest):
+    else:
+        nearest = min(misfit for misfit, _ in misfits.values())
         place = f"where hitch_to_axle = {vehicle.hitch_to_axle:g} m puts it"
         found += f" (the nearest axle is {nearest:.2f} m from {place}, expected at most {TOLERANCE:g} m)"
     raise _ambiguous(every, found)

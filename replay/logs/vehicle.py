@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from optim.arrays import IntArray
-from optim.vehicle import Vehicle
+from optim.vehicle import BEYOND_AXLES, Vehicle
 from replay.errors import printable
 from replay.logs.planar import Refusal
 from replay.logs.records import Metadata
@@ -36,10 +36,22 @@ def vehicle_of(metadata: Sequence[Metadata]) -> tuple[Vehicle, list[str]]:
     absent = sorted(fields - set(values) - {"hitch_offset"})
     if absent:
         notes.append(f"metadata record 'vehicle' lacks {', '.join(absent)}; the default truck's are used")
+    notes += _lengthened(values)
     try:
         return Vehicle(**values), notes
     except ValueError as error:
         raise Refusal("E_VEHICLE", f"metadata record 'vehicle': {error}") from None
+
+
+def _lengthened(values: dict[str, float]) -> list[str]:
+    """Notes; in `values`, bodies whose lengths the log does not give reach their axles."""
+    notes = []
+    for extent, (axle, _) in BEYOND_AXLES.items():
+        if extent not in values and getattr(Vehicle, extent) < values[axle]:
+            values[extent] = values[axle]
+            text = f"{extent} is taken to be {axle}, {values[axle]:g} m: the default truck's is less"
+            notes.append(f"metadata record 'vehicle': {text}")
+    return notes
 
 
 def nodes_of(metadata: Sequence[Metadata], num_poses: int) -> IntArray | None:

@@ -24,7 +24,7 @@ from optim.vehicle import Vehicle, rk4_step
 
 VEHICLES = {
     "european semi": Vehicle(),
-    "long trailer": Vehicle(wheelbase=3.6, hitch_to_axle=12.036),
+    "long trailer": Vehicle(wheelbase=3.6, hitch_to_axle=12.036, trailer_rear=14.6),
     "yard tractor": Vehicle(wheelbase=3.0, hitch_to_axle=5.0),
 }
 
