@@ -71,7 +71,8 @@ def _comparison(tracks: list[Track], best: Track | None) -> str:
         return [head, *(f"**{text}**" if track is best else text for track, text in zip(tracks, values, strict=True))]
 
     def metric(head: str, key: str, digits: int, scale: float = 1.0) -> list[str]:
-        return row(head, lambda track: number(scale * track.metrics[key], digits))
+        # a run that is drawn from an older results file has no metric that came later
+        return row(head, lambda track: number(scale * track.metrics.get(key, math.nan), digits))
 
     rows = [
         ["", *(cell(track.style.label) for track in tracks)],
