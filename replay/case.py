@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from optim.arrays import Array
 from optim.problem import Problem
 
 HitchSource = Literal["trailer path", "joint", "transform", "reconstructed"]
@@ -65,3 +66,6 @@ class Case:
     """Coordinate frame of the map and of every path."""
     time_ns: int = 0
     """When the path was logged [ns]."""
+    logged: Array | None = None
+    """Poses as the log holds them, noise and all: x, y [m], heading [rad] of the truck's rear axle, in `frame`; for
+    drawing. Shape (n, 3), read-only. None where a case comes from a results file."""

@@ -1,4 +1,4 @@
-"""Runs written back into a copy of their log, for Foxglove and ROS tools.
+"""Runs written back into a copy of their log, a file or a folder of rosbag2's, for Foxglove and ROS tools.
 
 For each method two topics with one `nav_msgs/msg/Path` for each request, `/replay/<method>/path` of the truck's rear
 axle and `/replay/<method>/trailer_path` of the trailer's axle, in the frame and at the log time of the recorded path.
@@ -9,6 +9,7 @@ what became of each.
 import json
 import math
 import os
+import pathlib
 import re
 import struct
 from collections.abc import Sequence
@@ -21,7 +22,9 @@ from optim.vehicle import Vehicle
 from replay.errors import LogError
 from replay.files import atomic_write
 from replay.logs.append import NewTopic, append
+from replay.logs.bag import write_bag
 from replay.logs.container import scan
+from replay.logs.folder import open_log
 from replay.logs.topics import EXPORTED
 
 if TYPE_CHECKING:
@@ -47,20 +50,21 @@ _SECOND: Final = 1_000_000_000
 def write_export(runs: Sequence["Run"], path: str | os.PathLike[str]) -> None:
     """Write the runs of one log into a copy of it.
 
-    The copy is written under a temporary name and read back before it gets its name. Raises LogError (E_EXPORT) where
-    the log is a folder, has changed since, or part of it is lost; ReplayError (E_WRITE) where no file can be written.
+    A file is written under a temporary name and read back before it gets its name. Raises LogError (E_EXPORT) where
+    the log has changed since, or part of it is lost; ReplayError (E_WRITE) where a file cannot be written.
     """
     case = runs[0].case
-    if case.log.is_dir():
-        raise LogError("E_EXPORT", case.log, "a folder of files is not copied; give --export one MCAP file")
-    log = scan(case.log, lambda _: False)
+    log = open_log(case.log, lambda _: False)
     if log.sha256 != case.sha256:
         raise LogError("E_EXPORT", case.log, "it has changed since it was read")
     outcome = {run.case.name: {method.name: method.status for method in run.methods} for run in runs}
+    topics, metadata = _topics(runs), {"replay": {"paths": json.dumps(outcome)}}
+    if case.log.is_dir():
+        write_bag(log, pathlib.Path(path), topics, metadata)
+        return
     with atomic_write(path) as temporary:
-        topics = _topics(runs)
         with temporary.open("wb") as file:
-            append(log, file, topics, {"replay": {"paths": json.dumps(outcome)}})
+            append(log, file, topics, metadata)
         copy = scan(temporary, lambda _: False)
         wrong = [finding.text for finding in copy.findings if finding not in log.findings]
         if wrong or sum(copy.counts.values()) != sum(log.counts.values()) + sum(len(t.messages) for t in topics):

@@ -56,6 +56,22 @@ class Contents:
         return found
 
 
+def names_in_blueprint(path: pathlib.Path) -> set[str]:
+    """Of all containers and views."""
+    reader = RrdReader(path)
+    (store,) = reader.blueprints()
+    batches = [chunk.to_record_batch() for chunk in reader.stream(store=store)]
+    columns = [f"{kind}:display_name" for kind in ("ContainerBlueprint", "ViewBlueprint")]
+    return {
+        row[0]
+        for batch in batches
+        for column in columns
+        if column in batch.schema.names
+        for row in batch.column(column).to_pylist()
+        if row
+    }
+
+
 def written(run: Run, directory: pathlib.Path) -> pathlib.Path:
     path = directory / "run.rrd"
     write_recording(run, path)

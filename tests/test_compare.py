@@ -52,6 +52,18 @@ def test_a_stored_run_is_the_run_that_was_written(files):
             assert one[key] == other[key], key
 
 
+def test_a_file_from_before_a_metric_came_is_drawn_without_it(files, tmp_path):
+    document = json.loads(pathlib.Path(files[0]).read_text())
+    for figures in (document["recorded_metrics"], *(method["metrics"] for method in document["methods"])):
+        del figures["steering_variation"]
+    older = tmp_path / "older.results.json"
+    older.write_text(json.dumps(document))
+    assert run("compare", older, files[1], "--out", tmp_path / "both.rrd") == 0
+    summary = Contents(tmp_path / "both.rrd").text("/report/summary")
+    (row,) = (line for line in summary.splitlines() if line.startswith("| Steering variation"))
+    assert "–" in row
+
+
 def test_two_files_are_compared_method_by_method(files, folder):
     found = compare(*files)
     assert [pair.name for pair in found.pairs] == ["recorded", "shortcut", "ddp"]

@@ -224,12 +224,9 @@ def test_a_log_that_has_lost_something_has_no_copy_but_its_results(tmp_path, cap
     assert "part of it is damaged" in capsys.readouterr().err
 
 
-def test_a_log_that_is_a_folder_or_another_file_by_now_is_refused(tmp_path):
+def test_a_log_that_is_another_file_by_now_is_refused(tmp_path):
     log = sound_log().write(tmp_path / "yard.mcap")
     made = factory.make_run()
-    folder = dataclasses.replace(made, case=dataclasses.replace(made.case, log=tmp_path))
-    with pytest.raises(LogError, match="a folder of files is not copied"):
-        write_export([folder], tmp_path / "out.mcap")
     changed = dataclasses.replace(made, case=dataclasses.replace(made.case, log=log))
     with pytest.raises(LogError, match="it has changed since it was read"):
         write_export([changed], tmp_path / "out.mcap")

@@ -10,8 +10,7 @@ import rerun as rr
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recording_reading import Contents, written
-from rerun.chunk import RrdReader
+from recording_reading import Contents, names_in_blueprint, written
 
 from optim.path import Path
 from optim.scene import make_scene
@@ -194,22 +193,6 @@ def test_an_audits_value_is_shown_in_degrees_or_metres() -> None:
     assert text.measured(steer) == "19.5°"
     assert text.measured(clearance) == "−0.123 m"
     assert text.measured({}) == ""
-
-
-def names_in_blueprint(path: pathlib.Path) -> set[str]:
-    """Of all containers and views."""
-    reader = RrdReader(path)
-    (store,) = reader.blueprints()
-    batches = [chunk.to_record_batch() for chunk in reader.stream(store=store)]
-    columns = [f"{kind}:display_name" for kind in ("ContainerBlueprint", "ViewBlueprint")]
-    return {
-        row[0]
-        for batch in batches
-        for column in columns
-        if column in batch.schema.names
-        for row in batch.column(column).to_pylist()
-        if row
-    }
 
 
 def test_the_blueprint_names_every_tab(one_file: pathlib.Path) -> None:

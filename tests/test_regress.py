@@ -121,7 +121,9 @@ def test_a_failing_run_ends_with_the_command_that_accepts_and_accepting_makes_it
     accept = done.stderr.strip().splitlines()[-1].partition("replay regress accept ")[2]
     accepted = help.command("regress", "accept", accept)
     assert accepted.returncode == 0
-    assert "new: bay_01/0 ddp: objective" in accepted.stdout
+    (new,) = (line for line in accepted.stdout.splitlines() if line.startswith("new: bay_01/0 ddp: "))
+    assert "status improved" in new
+    assert ", objective " in new
     assert help.command(*whole).returncode == 0
     changed = help.command(*whole, "--margin", "0.05")
     assert changed.returncode == 1

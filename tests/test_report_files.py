@@ -83,6 +83,14 @@ def test_markdown_is_short_and_has_the_facts(failed):
     assert len(lines) < 40
 
 
+def test_where_there_is_no_baseline_nothing_is_listed_as_changed(tmp_path):
+    new = [maker.verdict("open_00", "scp", "objective", "new", None, 1.0)]
+    run = read_run(maker.write_run(tmp_path / "first", maker.logs(1), new))
+    assert "no baseline" in markdown(run)
+    assert "new" not in markdown(run)
+    assert "What changed" not in page(run, [])
+
+
 def test_parquet_has_typed_columns_with_units(failed):
     make_report(failed)
     table = pq.read_table(failed / "rows.parquet")

@@ -20,14 +20,16 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
 
 import numpy as np
 import rerun_cli
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+_Answer = TypeVar("_Answer")
+_TRIES = 5
 TOASTS_S = 8.0  # the notices about software rendering cover a corner for so long
 SETTLE_S = 1.0  # for a tab's first frames; text and plots arrive one or two frames late
 SETTLE_BEHIND_S = 3.0  # of a window, which draws slower
@@ -146,12 +148,20 @@ def connected(process: "subprocess.Popen[bytes]", port: int) -> ViewerClient:
     raise ConnectionError("no answer")
 
 
+def answered(call: Callable[..., _Answer], *arguments: object) -> _Answer:
+    """What the viewer answers; on a busy machine not always in the time that its client gives it."""
+    for _ in range(_TRIES - 1):
+        with contextlib.suppress(TimeoutError):
+            return call(*arguments)
+    return call(*arguments)
+
+
 def open_recording(client: ViewerClient, path: pathlib.Path) -> None:
     """Open a recording and wait until all of it is there."""
-    client.open(str(path.resolve()))
+    answered(client.open, str(path.resolve()))
     deadline = time.monotonic() + LOAD_S
     while time.monotonic() < deadline:
-        state = client.get_state()
+        state = answered(client.get_state)
         if not state.loading and state.recordings and all(recording.timelines for recording in state.recordings):
             return
         time.sleep(0.1)
@@ -206,7 +216,7 @@ def empty_views(client: ViewerClient, tab: str, least: float) -> list[str]:
     """One line for each view on the tab in front that shows nothing."""
     found = []
     for identifier, name in views_of(client, tab).items():
-        share = share_shown(client.take_screenshot(identifier))
+        share = share_shown(answered(client.take_screenshot, identifier))
         print(f"  {share:.3f} of {name!r} stands out")
         if share < least:
             found.append(f"view {name}: only {share:.3f} of it stands out from its background, expected {least:g}")
@@ -267,7 +277,7 @@ def main() -> int:
             show(client, known[name])
             time.sleep(SETTLE_S if arguments.theme is None else SETTLE_BEHIND_S)
             picture = arguments.out / (re.sub(r"\W+", "_", name).strip("_").lower() + ".png")
-            picture.write_bytes(client.take_screenshot())
+            picture.write_bytes(answered(client.take_screenshot))
             print(picture)
             if arguments.check is not None:
                 found += empty_views(client, known[name], arguments.check)

@@ -77,7 +77,7 @@ def optimize(
         name; where a log holds several requests, their numbers follow it (STEM-0, STEM-1).
     export
         Write STEM.optimised.mcap too: a copy of the log with each method's paths added as nav_msgs/msg/Path, on
-        /replay/METHOD/path (truck) and /replay/METHOD/trailer_path.
+        /replay/METHOD/path (truck) and /replay/METHOD/trailer_path. Of a folder, a folder STEM.optimised.
     view
         Show the run in a Rerun viewer while it goes on, beside the files. Where none can be opened, the run goes on.
     viewer

@@ -51,8 +51,8 @@ class Outputs:
         return Names(results=self.folder / f"{stem}.results.json", recording=self.folder / f"{stem}.rrd")
 
     def export(self, log: pathlib.Path) -> pathlib.Path:
-        """The copy of a log with the paths of all of its cases."""
-        path = self.folder / f"{log.stem}.optimised.mcap"
+        """The copy of a log with the paths of all of its cases: a file, or a folder as the log is one."""
+        path = self.folder / (f"{log.name}.optimised" if log.is_dir() else f"{log.stem}.optimised.mcap")
         self._refuse_input(str(log), path)
         return path
 

@@ -1,10 +1,12 @@
 """`replay regress`: every log of a corpus with every method, compared with a baseline; and `replay regress accept`."""
 
+import itertools
 import json
 import math
 import pathlib
 import shlex
 import sys
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
@@ -165,7 +167,7 @@ def accept(
     known = [Known(**issue) for issue in head.get("known") or ()]
     made, changes = accepted(before, store.documents(), known, head)
     lost = sorted(before.logs.keys() - made.logs.keys())
-    voice.show(*(_changed(entry) for entry in changes), *(f"out: {name}" for name in lost))
+    voice.show(*_changed(changes), *(f"out: {name}" for name in lost))
     write_baseline(file, made)
     voice.show(f"wrote {file}: {len(made.logs)} logs; {len(changes)} changes, {len(lost)} logs out")
     about = {"schema": "replay.accept/1", "exit_status": 0, "baseline": str(file)}
@@ -184,12 +186,20 @@ def _to_write(run: pathlib.Path, head: dict[str, Any], baseline: pathlib.Path | 
     return baseline or pathlib.Path(head["accept_to"])
 
 
-def _changed(entry: dict[str, Any]) -> str:
-    """One change, in one line."""
-    where = " ".join(filter(None, (entry["case"] or entry["log"], entry["method"])))
-    if entry["verdict"] == "new":
-        return f"new: {where}: {entry['key']} {_shown(entry['after'])}"
-    return f"{entry['verdict']}: {where}: {entry['key']} {_shown(entry['before'])} → {_shown(entry['after'])}"
+def _changed(changes: list[dict[str, Any]]) -> Iterator[str]:
+    """A line for each change; what is new of one result is one line."""
+
+    def place(entry: dict[str, Any]) -> tuple[bool, str]:
+        where = " ".join(filter(None, (entry["case"] or entry["log"], entry["method"])))
+        return entry["verdict"] == "new", where
+
+    for (is_new, where), entries in itertools.groupby(changes, place):
+        if is_new:
+            yield f"new: {where}: " + ", ".join(f"{entry['key']} {_shown(entry['after'])}" for entry in entries)
+            continue
+        for entry in entries:
+            values = f"{entry['key']} {_shown(entry['before'])} → {_shown(entry['after'])}"
+            yield f"{entry['verdict']}: {where}: {values}"
 
 
 def _shown(value: Any) -> str:

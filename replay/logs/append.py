@@ -4,6 +4,7 @@ The index and the summary at the end of the file are made anew, since they state
 chunks, the new messages are in a chunk too: a reader that uses the index looks into chunks only.
 """
 
+import pathlib
 import struct
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -54,14 +55,35 @@ def append(log: Log, target: BinaryIO, topics: Sequence[NewTopic], metadata: Map
 
     Raises LogError (E_EXPORT) where part of the log is lost: what is damaged cannot be copied and read on.
     """
-    if log.lost:
-        found = next(finding.text for finding in log.findings if finding.lost)
-        raise LogError("E_EXPORT", log.path, f"part of it is damaged, and a copy would be too: {found}")
+    refuse_lost(log)
     try:
         with log.path.open("rb") as source:
             _copy(source, target, log, topics, metadata)
     except (Malformed, BadChunk, EOFError) as error:
         raise LogError("E_EXPORT", log.path, f"it cannot be copied: {error}") from error
+
+
+def refuse_lost(log: Log) -> None:
+    """Raise LogError (E_EXPORT) where part of a log is lost."""
+    if log.lost:
+        found = next(finding.text for finding in log.findings if finding.lost)
+        raise LogError("E_EXPORT", log.path, f"part of it is damaged, and a copy would be too: {found}")
+
+
+def write_log(target: BinaryIO, topics: Sequence[NewTopic], metadata: Mapping[str, Mapping[str, str]]) -> None:
+    """Write a log of new topics and metadata records alone, in one chunk: rosbag2 finds messages by their index."""
+    index, out = _Index(), _Output(target)
+    out.write(r.MAGIC + _record(r.HEADER, _text("ros2") + _text("")))
+    _write_topics(out, index, set(), topics, chunked=True)
+    _write_end(out, index, metadata)
+
+
+def time_span(path: pathlib.Path) -> list[int]:
+    """First and last log time of an undamaged log's messages [ns]; empty where it has none."""
+    index = _Index()
+    with path.open("rb") as source:
+        _walk(source, index)
+    return index.times
 
 
 def _copy(
@@ -73,7 +95,13 @@ def _copy(
     out = _Output(target)
     for start in range(0, end, _BLOCK):
         out.write(source.read(min(_BLOCK, end - start)))
-    _write_topics(out, index, log, topics)
+    used = {channel.schema_id for channel in log.channels}
+    _write_topics(out, index, used, topics, chunked=index.num_chunks > 0)
+    _write_end(out, index, metadata)
+
+
+def _write_end(out: "_Output", index: _Index, metadata: Mapping[str, Mapping[str, str]]) -> None:
+    """What follows the messages: metadata records, the end of the data section, summary."""
     for name, values in metadata.items():
         body = _text(name) + _text_map(values)
         index.metadata.append(_record(r.METADATA_INDEX, struct.pack("<QQ", out.position, 9 + len(body)) + _text(name)))
@@ -198,10 +226,10 @@ class _Output:
         self.crc = zlib.crc32(data, self.crc)
 
 
-def _write_topics(out: _Output, index: _Index, log: Log, topics: Sequence[NewTopic]) -> None:
-    used = {channel.schema_id for channel in log.channels} | set(index.schemas)
+def _write_topics(out: _Output, index: _Index, used: set[int], topics: Sequence[NewTopic], *, chunked: bool) -> None:
+    """`used`: ids that channels of the log name as their schemas', whether there are such schemas or not."""
     schemas = list(dict.fromkeys(topic.schema for topic in topics))
-    schema_ids = dict(zip(schemas, _free(used, len(schemas)), strict=True))
+    schema_ids = dict(zip(schemas, _free(used | set(index.schemas), len(schemas)), strict=True))
     definitions: list[bytes] = []
     for topic in topics:
         number = schema_ids[topic.schema]
@@ -221,7 +249,7 @@ def _write_topics(out: _Output, index: _Index, log: Log, topics: Sequence[NewTop
         out.write(definition)
     messages.sort(key=lambda message: message[0])
     if messages:
-        (_write_chunk if index.num_chunks else _write_messages)(out, index, messages)
+        (_write_chunk if chunked else _write_messages)(out, index, messages)
 
 
 def _free(used: Iterable[int], count: int) -> list[int]:

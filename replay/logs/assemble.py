@@ -195,6 +195,7 @@ class _Reader:
             map=log_map.image,
             frame=frame,
             time_ns=request.log_time,
+            logged=frozen(plane),
         )
 
     def _in_one_frame(self, request: _Request, log_map: LogMap) -> tuple[_Request, str, list[str]]:

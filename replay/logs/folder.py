@@ -33,7 +33,7 @@ def open_log(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], li
     path = Path(path)
     if not path.is_dir():
         return scan(path, wanted, limits)
-    names, findings = _parts(path)
+    names, findings = parts_of(path)
     limits = limits or Limits()
     logs: list[Log] = []
     errors: list[LogError] = []
@@ -55,7 +55,7 @@ def open_log(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], li
     return _joined(path, logs, findings)
 
 
-def _parts(folder: Path) -> tuple[list[str], list[Finding]]:
+def parts_of(folder: Path) -> tuple[list[str], list[Finding]]:
     """Names of the parts in their order, and what is odd about them. Raises LogError."""
     try:
         present = {each.name for each in folder.iterdir() if each.suffix == ".mcap" and each.is_file()}

@@ -3,8 +3,9 @@
 Timelines: `progress` (0 to 1000, gear changes aligned where the paths have as many; every view lives on it),
 `arc_cm` (distance driven, cm), `iteration`. Entities, with <path> = recorded or a method's name (- for a chain's +):
 
-    /scene/map, obstacles, ends, legend                              static
+    /scene/map, obstacles, ends, scale, legend                           static
     /scene/<path>/path, cusps, swept, closest, audit, rejected       static
+    /scene/recorded/logged_poses                                     static, where the path was repaired
     /scene/<path>/vehicle/{truck,trailer}                            outlines, moved by transforms
     /scene/<path>/whisker                                            line to the nearest obstacle, where it is near
     /scene/<path>/iterate                                            one polyline per iterate

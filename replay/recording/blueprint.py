@@ -9,13 +9,12 @@ import rerun.blueprint as rrb
 
 from optim.problem import Problem
 from replay.recording.convergence import Plot
-from replay.recording.entities import OUTSIDE, entity
+from replay.recording.entities import GROUND, OUTSIDE, entity
 from replay.recording.picture import Frame
 from replay.recording.signals import limits_of, signals_of
 from replay.recording.text import number, plain
 from replay.recording.tracks import Track
 
-_GROUND: Final = ("/scene/map", "/scene/obstacles", "/scene/ends/**")
 _CLEARANCE_SHOWN: Final = 3.0  # [m]
 _KEY: Final = "solid forward, dashed reverse"
 
@@ -25,6 +24,7 @@ class Content(NamedTuple):
 
     problem: Problem
     tracks: list[Track]  # the recorded path first
+    has_poses: bool  # the poses as logged are drawn beside the recorded path
     best: Track | None
     frame: Frame  # the plan views without a legend
     legend: float  # height of the overview's legend above the frame [m]
@@ -60,7 +60,7 @@ def _plan(content: Content, name: str, shown: list[str], legend: float = 0.0) ->
     bounds = rrb.VisualBounds2D(x_range=[seen.x0, seen.x1], y_range=[-seen.y1, -seen.y0])
     return rrb.Spatial2DView(
         origin="/",
-        contents=[f"+ {path}" for path in (*_GROUND, *shown)],
+        contents=[f"+ {path}" for path in (*GROUND, *shown)],
         name=plain(name),
         visual_bounds=bounds,
         background=[*OUTSIDE],
@@ -124,10 +124,12 @@ def _overview(content: Content) -> rrb.Horizontal:
     if best is not recorded:
         shown += _of(recorded, "vehicle")
     shown += _of(best, "swept", "vehicle", "whisker", "closest")
+    shown += _of(recorded, "logged_poses") if content.has_poses else []
+    key = f"{_KEY}, dots logged poses" if content.has_poses else _KEY
     plots = _signals_of(content, "clearance_m", "steering_deg", legend=False)  # the plan view has one
     summary = rrb.TextDocumentView(origin="/report/summary", name="Summary")
     right = rrb.Vertical(summary, *plots, row_shares=[2.95, *(1.0 for _ in plots)])
-    title = f"Recorded and improved paths: {_KEY}" if content.best else f"Recorded path: {_KEY}"
+    title = f"Recorded and improved paths: {key}" if content.best else f"Recorded path: {key}"
     return rrb.Horizontal(_plan(content, title, shown, content.legend), right, column_shares=[11, 9], name="Overview")
 
 
@@ -137,6 +139,7 @@ def _side_by_side(content: Content) -> rrb.Grid:
         shown = _of(track if track.is_own else recorded, "path", "cusps", "swept", "vehicle", "whisker")
         if track.is_own:
             shown += _of(track, "audit") + ([] if track is recorded else _of(recorded, "path"))
+            shown += _of(track, "logged_poses") if track is recorded and content.has_poses else []
         else:
             shown += _of(track, "rejected")
         panels.append(_plan(content, _panel_title(track), shown))

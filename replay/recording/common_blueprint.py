@@ -6,9 +6,9 @@ from typing import Final
 import rerun.blueprint as rrb
 
 from replay.recording.blueprint import everything
+from replay.recording.entities import GROUND
 
-_GROUND: Final = ("/scene/map", "/scene/obstacles", "/scene/ends/**")
-_NO_PATHS: Final = frozenset({"map", "obstacles", "ends", "legend"})
+_NO_PATHS: Final = frozenset({"map", "obstacles", "ends", "scale", "legend"})
 _SIGNALS: Final = {
     "clearance_m": "Clearance to the nearest obstacle [m]",
     "steering_deg": "Steering angle φ [°]",
@@ -41,12 +41,13 @@ def _under(root: str, entities: Iterable[str]) -> list[tuple[str, str]]:
 
 
 def _plan(name: str, shown: list[str]) -> rrb.Spatial2DView:
-    return rrb.Spatial2DView(origin="/", contents=[f"+ {path}" for path in (*_GROUND, *shown)], name=name)
+    return rrb.Spatial2DView(origin="/", contents=[f"+ {path}" for path in (*GROUND, *shown)], name=name)
 
 
 def _overview(paths: list[str]) -> rrb.Horizontal:
     shown = [f"/scene/{name}/{part}" for name in paths for part in ("path", "cusps/**", "vehicle/**")]
-    plan = _plan("All paths: solid forward, dashed reverse", ["/scene/legend/paths/**", *shown])
+    ground = ["/scene/legend/paths/**", "/scene/recorded/logged_poses"]
+    plan = _plan("All paths: solid forward, dashed reverse", [*ground, *shown])
     summary = rrb.TextDocumentView(origin="/report/summary", name="Summary")
     plots = [_plot(f"/signals/{name}", _SIGNALS[name]) for name in ("clearance_m", "steering_deg")]
     right = rrb.Vertical(summary, *plots, row_shares=[2.0, 1.0, 1.0])

@@ -10,6 +10,8 @@ from replay.recording.text import plain
 from replay.style import Colour
 
 BODIES: Final = ("truck", "trailer")
+GROUND: Final = ("/scene/map", "/scene/obstacles", "/scene/ends/**", "/scene/scale/**")
+"""What every plan view shows."""
 OUTSIDE: Final[Colour] = (17, 18, 21)
 """Behind everything."""
 BRIGHT: Final[Colour] = (235, 235, 235)
@@ -38,5 +40,11 @@ def image(pixels: np.ndarray, draw_order: float) -> rr.Image:
 
 
 def label(at: np.ndarray, text: str) -> rr.Points2D:
-    """A text at a place (x, y), on hardly a dot."""
-    return rr.Points2D([at], colors=[LABEL], radii=points(0.5), labels=[plain(text)], show_labels=True, draw_order=45.0)
+    """A text at a place (x, y), on hardly a dot.
+
+    Texts are over everything, whatever their order. It is between the map's and the obstacles', since the viewer was
+    seen to draw lines behind a picture that comes right before them in the order: which ones, their number decides.
+    """
+    return rr.Points2D(
+        [at], colors=[LABEL], radii=points(0.5), labels=[plain(text)], show_labels=True, draw_order=-75.0
+    )

@@ -23,6 +23,7 @@ from replay.style import Colour
 _DRAWN_CELLS: Final = 1600  # along the longer side of a map drawn from shapes
 _MOST_PIXELS: Final = 8192  # along a side; some browsers draw no larger textures
 _FREE, _UNKNOWN, _OCCUPIED = 33, 58, 104  # grey levels
+_SCALE_SHARE: Final = 0.2  # of the frame's width, at most
 _OUTLINE: Final[Colour] = (150, 156, 166)
 
 
@@ -87,6 +88,17 @@ def log_ends(rec: rr.RecordingStream, problem: Problem) -> None:
         rec.log(f"/scene/ends/{name}", outlines, static=True)
         middle = corners[1].mean(axis=0)  # of the trailer: near the truck there are other labels
         rec.log(f"/scene/ends/{name}/label", label(middle, name), static=True)
+
+
+def log_scale(rec: rr.RecordingStream, frame: Frame) -> None:
+    """A bar of a round length at the lower left: a plan view has no axes."""
+    most = _SCALE_SHARE * frame.width
+    decade = 10.0 ** math.floor(math.log10(most))
+    length = next(step * decade for step in (5.0, 2.0, 1.0) if step * decade <= most)
+    x, y, tick = frame.x0 + 0.03 * frame.size, frame.y0 + 0.03 * frame.size, 0.008 * frame.size
+    bar = [[x, y + tick], [x, y], [x + length, y], [x + length, y + tick]]
+    rec.log("/scene/scale", rr.LineStrips2D([bar], colors=[LABEL], radii=points(1.0), draw_order=44.0), static=True)
+    rec.log("/scene/scale/label", label(np.array([x + length / 2, y]), f"{length:g} m"), static=True)
 
 
 def log_legend(rec: rr.RecordingStream, frame: Frame, entries: list[tuple[str, Colour]], name: str) -> float:

@@ -16,7 +16,7 @@ from optim.result import Iterate
 from replay.case import Case
 from replay.recording import ground, scene
 from replay.recording.blueprint import everything
-from replay.recording.entities import OUTSIDE, entity, points
+from replay.recording.entities import GROUND, OUTSIDE, entity, points
 from replay.recording.local import localised, moved
 from replay.recording.picture import Frame, frame_around, swept_area, thinned
 from replay.recording.text import plain
@@ -49,9 +49,10 @@ class LiveRecording:
         frame = frame_around(problem.scene, [swept_area(problem.vehicle, problem.recorded)])
         ground.log_ground(rec, case, frame)
         ground.log_ends(rec, problem)
+        ground.log_scale(rec, frame)
         entries = [(RECORDED.label, RECORDED.colour), *((look.label, look.colour) for look in self._looks.values())]
         legend = ground.log_legend(rec, frame, entries, "paths")
-        scene.log_path(rec, problem.recorded, entity("scene", "recorded"), RECORDED.colour, frame, width=3.5)
+        scene.log_path(rec, problem.recorded, entity("scene", "recorded"), RECORDED.colour, frame, scene.RECORDED_LINE)
         before = objective(problem.recorded, problem.weights)
         rec.set_time("iteration", sequence=0)
         rec.log("/solver/objective/level", rr.Scalars(before))
@@ -92,7 +93,7 @@ def _line(look: Style) -> rr.SeriesLines:
 
 def _blueprint(frame: Frame, legend: float, names: list[str]) -> rrb.Blueprint:
     """The plan with the present iterates, and J; the cursor follows."""
-    shown = ["/scene/map", "/scene/obstacles", "/scene/ends/**", "/scene/legend/paths/**", "/scene/recorded/**"]
+    shown = [*GROUND, "/scene/legend/paths/**", "/scene/recorded/**"]
     shown += [entity("scene", name, "iterate") for name in names]
     plan = rrb.Spatial2DView(
         origin="/",

@@ -32,7 +32,8 @@ def localised(run: "Run") -> tuple["Run", Array]:
     if grid is not None:
         x, y, yaw = grid.origin
         grid = dataclasses.replace(grid, origin=(x - float(offset[0]), y - float(offset[1]), yaw))
-    case = dataclasses.replace(case, problem=problem, map=grid)
+    logged = None if case.logged is None else frozen(case.logged - [*offset, 0.0])
+    case = dataclasses.replace(case, problem=problem, map=grid, logged=logged)
     return dataclasses.replace(run, case=case, methods=tuple(_method(m, offset) for m in run.methods)), offset
 
 

@@ -1,7 +1,8 @@
 """What belongs to each path in the plan view: the path, the swept ground, the moving vehicle, distances, failures."""
 
+import math
 from collections.abc import Iterable, Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -12,6 +13,7 @@ from optim.arrays import Array
 from optim.path import Path
 from optim.problem import Problem
 from optim.vehicle import Vehicle, body_poses
+from replay.case import Case
 from replay.recording.entities import BODIES, BRIGHT, LABEL, OUTSIDE, entity, image, points
 from replay.recording.picture import Frame, closed, fill, rings, strips, thinned
 from replay.recording.text import measured, number, plain
@@ -19,23 +21,37 @@ from replay.recording.tracks import PROGRESS, Track
 from replay.style import ALARM, Colour, as_uint32
 
 WHISKER_FROM: Final = 3.0  # [m]: farther obstacles are no news
+STRAY_FROM: Final = 0.01  # [m]: logged poses nearer to the path than this lie on its line
+_LABEL_SIZE: Final = 0.15  # of a frame: labels nearer to each other may overlap in a small panel
+_MOST_POSES: Final = 5000  # as dots; a log of hours must not grow the file
 
 
-def log_track(rec: rr.RecordingStream, problem: Problem, track: Track, frame: Frame) -> None:
-    """All that belongs to one path in the plan view."""
-    width = 3.5 if track.status == "recorded" else 2.0
-    log_path(rec, track.path, entity("scene", track.name), track.style.colour, frame, width)
+class Line(NamedTuple):
+    """How a path is drawn."""
+
+    width: float  # in the viewer's points
+    order: float  # what is drawn over what
+
+
+RECORDED_LINE: Final = Line(3.5, 0.0)
+_LINE: Final = Line(2.0, 10.0)
+_BEST_LINE: Final = Line(2.0, 12.0)
+
+
+def log_track(rec: rr.RecordingStream, problem: Problem, track: Track, frame: Frame, *, is_best: bool) -> None:
+    """All that belongs to one path in the plan view; the best one is drawn over the others."""
+    line = RECORDED_LINE if track.status == "recorded" else _BEST_LINE if is_best else _LINE
+    log_path(rec, track.path, entity("scene", track.name), track.style.colour, frame, line)
     _log_swept(rec, track, frame)
     _log_vehicle(rec, problem.vehicle, track)
     _log_distance(rec, problem, track, frame)
-    log_failures(rec, entity("scene", track.name, "audit"), track.path, track.audit)
+    log_failures(rec, entity("scene", track.name, "audit"), track.path, track.audit, frame)
 
 
-def log_path(rec: rr.RecordingStream, path: Path, base: str, colour: Colour, frame: Frame, width: float) -> None:
+def log_path(rec: rr.RecordingStream, path: Path, base: str, colour: Colour, frame: Frame, line: Line) -> None:
     """The truck's path, forward solid, reverse dashed, and a ring at each gear change."""
     forward, reverse = strips(path.segments, dash=frame.size / 70)
-    order = 0.0 if width > 3.0 else 10.0
-    lines = rr.LineStrips2D(forward + reverse, colors=[colour], radii=points(width / 2), draw_order=order)
+    lines = rr.LineStrips2D(forward + reverse, colors=[colour], radii=points(line.width / 2), draw_order=line.order)
     rec.log(f"{base}/path", lines, static=True)
     cusps = [segment.states[0, :2] for segment in path.segments[1:]]
     if cusps:
@@ -44,6 +60,20 @@ def log_path(rec: rr.RecordingStream, path: Path, base: str, colour: Colour, fra
         hole = rr.Points2D(cusps, colors=[OUTSIDE], radii=points(3.0), draw_order=31.0)
         rec.log(f"{base}/cusps", ring, static=True)
         rec.log(f"{base}/cusps/hole", hole, static=True)
+
+
+def strays(case: Case) -> bool:
+    """Whether the recorded path is off the log's poses by more than its line hides."""
+    return case.logged is not None and case.read.max_deviation_m >= STRAY_FROM
+
+
+def log_logged_poses(rec: rr.RecordingStream, case: Case) -> None:
+    """The poses as the log holds them, where the recorded path is a repaired one: dots on its line and beside it."""
+    if case.logged is None or not strays(case):
+        return
+    step = math.ceil(len(case.logged) / _MOST_POSES)
+    shown = rr.Points2D(case.logged[::step, :2], colors=[BRIGHT], radii=points(1.25), draw_order=1.0)
+    rec.log(entity("scene", "recorded", "logged_poses"), shown, static=True)
 
 
 def _log_swept(rec: rr.RecordingStream, track: Track, frame: Frame) -> None:
@@ -141,15 +171,30 @@ def _log_distance(rec: rr.RecordingStream, problem: Problem, track: Track, frame
     rec.log(entity("scene", track.name, "closest", "leader"), leader, static=True)
 
 
-def log_failures(rec: rr.RecordingStream, path: str, driven: Path, audit: Mapping[str, Any]) -> None:
-    """A labelled mark at the place of each failed check of an audit."""
+def log_failures(rec: rr.RecordingStream, path: str, driven: Path, audit: Mapping[str, Any], frame: Frame) -> None:
+    """A mark at the place of each failed check of an audit, and one label for those whose own would overlap."""
     marks = list(failures(driven, audit))
-    if marks:
-        places, labels = zip(*marks, strict=True)
-        shown = rr.Points2D(places, colors=[ALARM], radii=points(7.0), draw_order=50.0)
-        rec.log(f"{path}/marks", shown, static=True)
-        texts = rr.Points2D(places, colors=[LABEL], radii=points(0.5), labels=labels, show_labels=True, draw_order=51.0)
-        rec.log(path, texts, static=True)
+    if not marks:
+        return
+    shown = rr.Points2D([place for place, _ in marks], colors=[ALARM], radii=points(7.0), draw_order=50.0)
+    rec.log(f"{path}/marks", shown, static=True)
+    labels: list[tuple[Array, list[str]]] = []
+    for place, text in marks:
+        near = (lines for at, lines in labels if np.abs(place - at).max() < _LABEL_SIZE * frame.size)
+        lines = next(near, None)
+        if lines is None:
+            labels.append((place, [text]))
+        else:
+            lines.append(text)
+    texts = rr.Points2D(
+        [place for place, _ in labels],
+        colors=[LABEL],
+        radii=points(0.5),
+        labels=["\n".join(lines) for _, lines in labels],
+        show_labels=True,
+        draw_order=51.0,
+    )
+    rec.log(path, texts, static=True)
 
 
 def log_rejected(rec: rr.RecordingStream, track: Track, frame: Frame) -> None:
@@ -158,8 +203,8 @@ def log_rejected(rec: rr.RecordingStream, track: Track, frame: Frame) -> None:
         return
     path = track.run.rejected_path
     base = entity("scene", track.name, "rejected")
-    log_path(rec, path, base, ALARM, frame, width=2.0)
-    log_failures(rec, f"{base}/audit", path, track.run.rejected)
+    log_path(rec, path, base, ALARM, frame, _LINE)
+    log_failures(rec, f"{base}/audit", path, track.run.rejected, frame)
 
 
 def failures(driven: Path, audit: Mapping[str, Any]) -> Iterable[tuple[Array, str]]:

@@ -34,10 +34,11 @@ def _verdict(tracks: list[Track], best: Track | None, required: float) -> list[s
     before = tracks[0].metrics
     if best is None:
         head = "No method ran" if len(tracks) == 1 else "✗ Not improved: the recorded path stands"
-        audit = "passed" if tracks[0].audit.get("passed") else "failed"
+        sound = tracks[0].audit.get("passed")
+        audit = "✓ Safe: it passes the audit" if sound else "✗ Not safe: it fails the audit"
         cost, length = number(before["objective"], 1), number(before["length"], 1)
         detail = f"J {cost}, {length} m, {count(before['cusps'], 'gear change')}"
-        safe = f"audit of the recorded path {audit}, {clearance(before)}"
+        safe = f"{audit}, {clearance(before)}"
         return [f"# {head}", "", f"**{detail}**", "", f"**{safe}**"]
     after = best.metrics
     cost = [number(row["objective"], 1) for row in (before, after)]
@@ -70,7 +71,8 @@ def _comparison(tracks: list[Track], best: Track | None) -> str:
         return [head, *(f"**{text}**" if track is best else text for track, text in zip(tracks, values, strict=True))]
 
     def metric(head: str, key: str, digits: int, scale: float = 1.0) -> list[str]:
-        return row(head, lambda track: number(scale * track.metrics[key], digits))
+        # a run that is drawn from an older results file has no metric that came later
+        return row(head, lambda track: number(scale * track.metrics.get(key, math.nan), digits))
 
     rows = [
         ["", *(cell(track.style.label) for track in tracks)],
@@ -198,7 +200,7 @@ def run_sheet(run: "Run", version: str, offset: Array) -> str:
         ["Hitch angle from", cell(read.hitch)],
         ["Recorded path off the log's poses", f"{number(read.max_deviation_m, 3)} m, {number(turn, 2)}° at most"],
         ["The same, RMS", f"{number(read.rms_deviation_m, 3)} m, {number(math.degrees(read.rms_deviation_rad), 2)}°"],
-        ["Obstacles", f"{len(case.problem.scene.polygons)} convex polygons"],
+        ["Obstacles", count(len(case.problem.scene.polygons), "convex polygon")],
         ["Map", _map_size(run)],
         ["Tool version", cell(version)],
         ["Seed", str(run.seed)],

@@ -85,12 +85,14 @@ def fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Array
     frame = frame_around(problem.scene, [track.area for track in tracks])
     ground.log_ground(rec, run.case, frame)
     ground.log_ends(rec, problem)
+    ground.log_scale(rec, frame)
+    scene.log_logged_poses(rec, run.case)
     legend = ground.log_legend(rec, frame, [_legend_entry(tracks[0], track) for track in tracks], "paths")
     own = [track for track in tracks if track.is_own]
     areas = [(f"{track.style.label} {number(track.area.area, 0)} m²", track.style.colour) for track in own]
     areas_legend = ground.log_legend(rec, frame, areas, "areas")
     for track in own:
-        scene.log_track(rec, problem, track, frame)
+        scene.log_track(rec, problem, track, frame, is_best=track is best)
     for track in tracks:
         scene.log_iterates(rec, track)
         scene.log_rejected(rec, track, frame)
@@ -103,6 +105,7 @@ def fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Array
     content = Content(
         problem=problem,
         tracks=tracks,
+        has_poses=scene.strays(run.case),
         best=best,
         frame=frame,
         legend=legend,

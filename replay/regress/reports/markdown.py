@@ -28,7 +28,7 @@ def markdown(run: RunData, accept: str = "") -> str:
     if unexpected:
         names = ", ".join(escaped(error.log) for error in unexpected[:MOST_LINES])
         parts.append(f"{count(len(unexpected), 'log')} could not be used: {names}")
-    changed = groups(run)
+    changed = groups(run) if run.compared else []  # else all is new, which the headline says
     if changed:
         parts.append(_changes(changed[:MOST_LINES]))
     if len(changed) > MOST_LINES:
