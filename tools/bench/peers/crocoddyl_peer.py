@@ -4,7 +4,8 @@ crocoddyl's box solvers keep constant bounds of the controls and nothing else, s
 augmented Lagrangian (goal, hitch angle, clearance, and the steering angle too, see `stage_kernels`), and the outer
 iteration is ours: same multipliers, same penalties, same order. What is compared is one descent at knots 0.35 m apart
 from the recorded path to the same tolerances; no segments left out, no clearance between the knots, which is ours
-alone. Its model is written in Python round our compiled kernels of a stage; the time in these calls is told apart.
+alone. Its model calls our compiled kernels of a stage, once from Python, with the time in these calls told apart, and
+once from C++ (`crocoddyl_model.cpp`, built against the wheel), where nothing of an iteration is left in Python.
 """
 
 import importlib
@@ -15,15 +16,16 @@ from typing import Any, cast
 import numpy as np
 
 import optim.methods  # noqa: F401 - whole, before parts of it that import each other
-from optim.arrays import Array
+from optim.arrays import Array, IntArray
 from optim.ddp.augmented import Descent, Plan, descend, start_descent
-from optim.ddp.backward import new_policy
 from optim.ddp.model import TruckModel, knots_from
 from optim.ddp.search import required_clearance
 from optim.methods.transcription import Knots, knots_of, objective_of
 from optim.problem import Problem
-from tools.bench.peers.common import SPACING, least
+from tools.bench.peers.common import SPACING
+from tools.bench.peers.crocoddyl_build import Shooting
 from tools.bench.peers.stage_kernels import stage_slopes, stage_value
+from tools.bench.peers.stage_pointers import new_table, write
 
 PLAN = Plan(
     spacing=SPACING,
@@ -53,9 +55,6 @@ class Outcome:
     knots: Knots
     in_model: float = 0.0
     """Of these in our kernels and the Python round them [s]."""
-    bound: float = 0.0
-    """What it would take if its model were compiled into it [s]: its own iteration on a linear-quadratic problem of
-    the same size, our kernels for the whole path once in each iteration, and nothing else."""
 
 
 @dataclass(eq=False)
@@ -95,36 +94,32 @@ def ours(problem: Problem, curvature: bool = False) -> Outcome:
     )
 
 
-def theirs(problem: Problem) -> Outcome:
-    """crocoddyl's BoxFDDP in our outer iteration."""
-    crocoddyl: Any = importlib.import_module("crocoddyl")
+def theirs(problem: Problem, compiled: bool = False) -> Outcome:
+    """crocoddyl's BoxFDDP in our outer iteration; `compiled`: with a model in C++ instead of Python."""
     knots = knots_of(problem.vehicle, problem.recorded, SPACING)
     began, iterations = time.process_time(), 0
     start = start_descent(problem, knots, required_clearance(problem, knots), replace(PLAN, reach=REACH))
     model, states = start.model, start.states
     shared = Shared(model, np.zeros((len(states), 2)), states.copy())
     controls = _controls(model, states, start.controls)
-    stages = _models(crocoddyl, shared)
-    shooting = crocoddyl.ShootingProblem(states[0], stages[:-1], stages[-1])
-    shooting.nthreads = 1
+    solver = _Compiled(shared) if compiled else _Interpreted(shared)
     scalars, before, over = model.lagrangian.scalars, (np.inf,) * 3, np.inf
     for number in range(PLAN.rounds):
         model.refresh(states)
-        solver = crocoddyl.SolverBoxFDDP(shooting)
-        solver.th_stop = STOP if number + 1 == PLAN.rounds else max(STOP, 10.0 ** (-2 - 2 * number))
-        solver.solve(list(states), list(controls), PLAN.iterations, False, 1.0 if number == 0 else 1e-9)
-        iterations += solver.iter
-        states, controls = np.array(list(solver.xs)), np.array(list(solver.us))
+        tolerance = STOP if number + 1 == PLAN.rounds else max(STOP, 10.0 ** (-2 - 2 * number))
+        states, controls, count, stop = solver.solve(states, controls, tolerance, 1.0 if number == 0 else 1e-9)
+        iterations += count
         over = _update_steering(shared, states)
         residuals = model.residuals(states, update=True)
         now = residuals.complementary
         now = (now[0], max(now[1], over), now[2])
-        if all(value <= limit for value, limit in zip(now, PLAN.tolerances, strict=True)) and solver.stop <= STOP:
+        if all(value <= limit for value, limit in zip(now, PLAN.tolerances, strict=True)) and stop <= STOP:
             break
         for i in range(3):
             if now[i] > max(0.25 * before[i], PLAN.tolerances[i]):
                 scalars[i] *= PLAN.growth
         before = now
+    solver.close()
     seconds = time.process_time() - began
     ended = knots_from(states, knots)
     violation = model.residuals(states, update=False).violation
@@ -135,36 +130,69 @@ def theirs(problem: Problem) -> Outcome:
         seconds=seconds,
         knots=ended,
         in_model=shared.clock[0],
-        bound=iterations
-        * (
-            _iteration(crocoddyl, len(controls))
-            + _kernels(start_descent(problem, knots, required_clearance(problem, knots), PLAN))
-        ),
     )
 
 
-def _iteration(crocoddyl: Any, stages: int) -> float:
-    """CPU time of an iteration of its solver on a linear-quadratic problem, everything in C++ [s]."""
-    rng = np.random.default_rng(0)
-    a, b = np.eye(6) + 0.1 * rng.standard_normal((6, 6)), rng.standard_normal((6, 2))
-    model = crocoddyl.ActionModelLQR(
-        a, b, np.eye(6), np.eye(2), np.zeros((6, 2)), np.zeros(6), np.zeros(6), np.zeros(2)
-    )
-    model.u_lb, model.u_ub = np.full(2, -1e3), np.full(2, 1e3)
-    problem = crocoddyl.ShootingProblem(np.ones(6), [model] * stages, model)
-    problem.nthreads = 1
-    solver = crocoddyl.SolverBoxFDDP(problem)
-    solver.setCandidate([np.ones(6)] * (stages + 1), [np.zeros(2)] * stages, False)
-    return least(lambda: (solver.computeDirection(True), solver.tryStep(1.0)), 50)
+def theirs_compiled(problem: Problem) -> Outcome:
+    """The same with a model in C++."""
+    return theirs(problem, compiled=True)
 
 
-def _kernels(descent: Descent) -> float:
-    """CPU time of derivatives and a roll-out of our model [s]."""
-    model, states, controls = descent.model, descent.states, descent.controls
-    policy, out = new_policy(len(controls), 6, 2), (np.empty_like(states), np.empty_like(controls))
-    model.expand(states, controls, False)
-    derivatives = least(lambda: model.expand(states, controls, False), 50)
-    return derivatives + least(lambda: model.roll_out(states, controls, policy, 1.0, out), 50)
+class _Interpreted:
+    """crocoddyl as it comes from Python: its solver compiled, an action model in Python for each stage."""
+
+    def __init__(self, shared: Shared) -> None:
+        self._crocoddyl: Any = importlib.import_module("crocoddyl")
+        stages = _models(self._crocoddyl, shared)
+        self._shooting = self._crocoddyl.ShootingProblem(shared.states[0], stages[:-1], stages[-1])
+        self._shooting.nthreads = 1
+
+    def solve(
+        self, states: Array, controls: Array, tolerance: float, regularisation: float
+    ) -> tuple[Array, Array, int, float]:
+        """States, controls, iterations, stopping value."""
+        solver = self._crocoddyl.SolverBoxFDDP(self._shooting)
+        solver.th_stop = tolerance
+        solver.solve(list(states), list(controls), PLAN.iterations, False, regularisation)
+        return np.array(list(solver.xs)), np.array(list(solver.us)), int(solver.iter), float(solver.stop)
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+
+class _Compiled:
+    """The same solver round a model in C++ that calls our kernels by their addresses."""
+
+    def __init__(self, shared: Shared) -> None:
+        self._shared, self._table = shared, new_table(shared.place())
+        self._shooting = Shooting(self._table, shared.states[0], _idle(shared.model), *_boxes(shared.model))
+
+    def solve(
+        self, states: Array, controls: Array, tolerance: float, regularisation: float
+    ) -> tuple[Array, Array, int, float]:
+        """States, controls, iterations, stopping value."""
+        write(self._shared.place(), self._table)
+        return self._shooting.solve(states, controls, tolerance, PLAN.iterations, regularisation)
+
+    def close(self) -> None:
+        self._shooting.close()
+
+
+def _idle(model: TruckModel) -> IntArray:
+    """1 where a stage drives, and has one control: the second is idle and costs half its square. Shape (N,).
+
+    With one control alone, BoxFDDP gives up as soon as that one is at a bound; with an idle one held by narrow bounds,
+    its box QPs take several times as long.
+    """
+    return (model.stages.gear != 0.0).astype(np.int64)
+
+
+def _boxes(model: TruckModel) -> tuple[Array, Array]:
+    """Bounds of the controls, low and high. Shape (N, 2) each."""
+    st, rests = model.stages, model.stages.gear == 0.0
+    steer = np.where(rests, st.limits[0], 1.0)
+    low, high = np.where(rests, st.shortest, -1.0), np.where(rests, st.longest, 1.0)
+    return np.stack([-steer, low], axis=1), np.stack([steer, high], axis=1)
 
 
 def _controls(model: TruckModel, states: Array, controls: Array) -> Array:
@@ -191,9 +219,9 @@ def _models(crocoddyl: Any, shared: Shared) -> list[Any]:
     value, slopes = cast(Any, stage_value), cast(Any, stage_slopes)  # kernels, called with a tuple of arguments
 
     class Stage(crocoddyl.ActionModelAbstract):
-        def __init__(self, k: int, controls: int) -> None:
-            crocoddyl.ActionModelAbstract.__init__(self, state, controls, 1)
-            self.k, self.none = k, np.zeros(2)
+        def __init__(self, k: int, idle: bool) -> None:
+            crocoddyl.ActionModelAbstract.__init__(self, state, 2, 1)
+            self.k, self.idle, self.none = k, idle, np.zeros(2)
             self.out, self.fz, self.lz, self.lzz = np.zeros(6), np.zeros((6, 8)), np.zeros(8), np.zeros((8, 8))
 
         def calc(self, data: Any, x: Array, u: Array | None = None) -> None:
@@ -201,7 +229,7 @@ def _models(crocoddyl: Any, shared: Shared) -> list[Any]:
             shared.states[self.k] = x
             place, w = shared.place(), self.none if u is None or not len(u) else u
             cost = value(*place, self.k, w, self.out)
-            data.cost = cost
+            data.cost = cost + 0.5 * w[1] * w[1] if self.idle else cost
             data.xnext = self.out if self.k < st.gear.size else x
             shared.clock[0] += time.process_time() - entered
 
@@ -212,18 +240,14 @@ def _models(crocoddyl: Any, shared: Shared) -> list[Any]:
             slopes(*place, self.k, w, self.fz, self.lz, self.lzz)
             data.Lx, data.Lxx = self.lz[:6], self.lzz[:6, :6]
             if self.k < st.gear.size:
+                if self.idle:
+                    self.lz[7], self.lzz[7, 7] = w[1], 1.0
                 data.Fx, data.Fu = self.fz[:, :6], self.fz[:, 6:]
                 data.Lu, data.Luu, data.Lxu = self.lz[6:], self.lzz[6:, 6:], self.lzz[:6, 6:]
             shared.clock[0] += time.process_time() - entered
 
-    out = []
-    for k in range(st.gear.size):
-        stage = Stage(k, 2)
-        if st.gear[k] == 0.0:
-            stage.u_lb, stage.u_ub = (
-                np.array([s * st.limits[0], b[k]]) for s, b in ((-1, st.shortest), (1, st.longest))
-            )
-        else:
-            stage.u_lb, stage.u_ub = np.array([-1.0, -1e-9]), np.array([1.0, 1e-9])
-        out.append(stage)
-    return [*out, Stage(st.gear.size, 2)]
+    low, high = _boxes(shared.model)
+    out = [Stage(k, bool(idle)) for k, idle in enumerate(_idle(shared.model))]
+    for k, stage in enumerate(out):
+        stage.u_lb, stage.u_ub = low[k], high[k]
+    return [*out, Stage(st.gear.size, True)]
