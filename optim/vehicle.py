@@ -31,8 +31,9 @@ LARGEST_STEP = 0.05
 """Of the integration in roll-outs, if nothing else is said [m]."""
 _UPPER_LIMIT = 100.0  # [m]: no road vehicle's part is longer; catches millimetres
 _MOST_STEERING = 36.0  # [rad] over one wheelbase: 1 rad/s of a truck that creeps at 0.1 m/s; catches degrees per metre
+_WHEEL = 0.5  # [m]: a body may end by a wheel's radius before its axle
 BEYOND_AXLES = {"truck_front": ("wheelbase", "rear axle"), "trailer_rear": ("hitch_to_axle", "hitch")}
-"""Extents of the bodies that reach an axle at least: which distance of the axle, and from where both are measured."""
+"""Extents of the bodies that reach an axle, or nearly: which distance of the axle, and from where both are measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +46,7 @@ class Vehicle:
     wheelbase: float = 3.6
     """Distance from the truck's rear axle to its front axle, l [m]."""
     truck_front: float = 5.0
-    """Extent of the truck ahead of its rear axle [m]; at least the wheelbase."""
+    """Extent of the truck ahead of its rear axle [m]; the wheelbase or more."""
     truck_rear: float = 1.0
     """Extent of the truck behind its rear axle [m]."""
     truck_width: float = 2.55
@@ -55,7 +56,7 @@ class Vehicle:
     trailer_front: float = 1.6
     """Extent of the trailer ahead of the hitch [m]."""
     trailer_rear: float = 12.0
-    """Extent of the trailer behind the hitch [m]; at least hitch_to_axle."""
+    """Extent of the trailer behind the hitch [m]; hitch_to_axle or more."""
     trailer_width: float = 2.55
     """Width of the trailer [m]."""
     max_steer: float = 0.55
@@ -77,9 +78,9 @@ class Vehicle:
             object.__setattr__(self, field.name, float(value))
         for extent, (axle, origin) in BEYOND_AXLES.items():
             found, least = getattr(self, extent), getattr(self, axle)
-            if found < least:
+            if found < least - _WHEEL:
                 text = (
-                    f"{extent} is {found!r}, expected at least {axle}, {least!r}: both are measured from the {origin}"
+                    f"{extent} is {found!r}, expected {axle}, {least!r}, or more: both are measured from the {origin}"
                 )
                 raise ValueError(f"vehicle: {text}")
         most = _MOST_STEERING / self.wheelbase

@@ -118,6 +118,7 @@ def test_a_vehicle_that_cannot_be_is_refused(
     "values",
     [
         {"trailer_rear": "8.0"},  # the axle at the very end
+        {"hitch_to_axle": "12.036", "trailer_rear": "12"},  # or a little beyond
         {"truck_front": "3.6", "truck_rear": "0"},
         {"max_steer_rate": "10"},  # that steers while it hardly moves
         {"max_steer_rate": "0.01"},

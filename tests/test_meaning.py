@@ -88,11 +88,11 @@ WRONG: dict[str, tuple[Callable[[], make.LogMaker], str]] = {
     ),
     "a trailer's rear measured from its axle": (
         lambda: vehicle(trailer_rear="4"),
-        "trailer_rear is 4.0, expected at least hitch_to_axle, 8.0: both are measured from the hitch",
+        "trailer_rear is 4.0, expected hitch_to_axle, 8.0, or more: both are measured from the hitch",
     ),
     "a truck's front measured from its front axle": (
         lambda: vehicle(truck_front="1.4"),
-        "truck_front is 1.4, expected at least wheelbase, 3.6: both are measured from the rear axle",
+        "truck_front is 1.4, expected wheelbase, 3.6, or more: both are measured from the rear axle",
     ),
     "a hitch limit in degrees": (lambda: vehicle(max_hitch="57"), "max_hitch is 57.0, expected a number from"),
 }
