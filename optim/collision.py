@@ -17,10 +17,11 @@ Numba does not see changes in another file: after a change here, delete the cach
 import math
 
 import numpy as np
-from numba import njit
+
+from optim.kernel import kernel
 
 
-@njit(cache=True)
+@kernel
 def rectangle(scene, footprints, offset, states, i, body):
     """The rectangle of the truck (body 0) or the trailer (body 1) in state i."""
     px, py, heading = states[i, 0] - scene.origin[0], states[i, 1] - scene.origin[1], states[i, 2]
@@ -35,7 +36,7 @@ def rectangle(scene, footprints, offset, states, i, body):
     return px + middle * c, py + middle * s, c, s, 0.5 * (front + rear), footprints[body, 2]
 
 
-@njit(cache=True)
+@kernel
 def gap_along(scene, k, rect, nx, ny):
     """gap(n) of the rectangle to polygon k: at most the signed distance, for any unit n."""
     cx, cy, c, s, hx, hy = rect
@@ -45,7 +46,7 @@ def gap_along(scene, k, rect, nx, ny):
     return nx * cx + ny * cy - hx * abs(nx * c + ny * s) - hy * abs(ny * c - nx * s) - support
 
 
-@njit(cache=True)
+@kernel
 def separating_gap(scene, k, rect, enough):
     """Separating-axis test: the largest gap over the candidate axes, or the first one found >= enough."""
     cx, cy, c, s, hx, hy = rect
@@ -66,7 +67,7 @@ def separating_gap(scene, k, rect, enough):
     return gap
 
 
-@njit(cache=True)
+@kernel
 def _own_axis(rect, low_x, high_x, low_y, high_y, in_x, out_x, in_y, out_y):
     """The rectangle's own axis of the largest gap: gap, normal away from the polygon, the polygon's vertex there."""
     _, _, c, s, hx, hy = rect
@@ -80,7 +81,7 @@ def _own_axis(rect, low_x, high_x, low_y, high_y, in_x, out_x, in_y, out_y):
     return gap, nx, ny, source
 
 
-@njit(cache=True)
+@kernel
 def signed_distance(scene, k, rect):
     """Distance, witness on the rectangle, witness on polygon k, unit normal from polygon to rectangle.
 
@@ -140,7 +141,7 @@ def signed_distance(scene, k, rect):
     return distance, bx, by, ox, oy, nx, ny
 
 
-@njit(cache=True)
+@kernel
 def box_distance(scene, node, rect):
     """A lower bound of the distance to everything below a tree node; 0 where it cannot tell.
 
@@ -159,7 +160,7 @@ def box_distance(scene, node, rect):
     return math.sqrt(max(dx * dx + dy * dy, du * du + dv * dv))
 
 
-@njit(cache=True)
+@kernel
 def nearest_polygon(scene, rect, guess, cap):
     """The polygon of the least signed distance below cap, and that distance; (-1, cap) if there is none.
 
@@ -184,7 +185,7 @@ def nearest_polygon(scene, rect, guess, cap):
     return polygon, best
 
 
-@njit(cache=True)
+@kernel
 def overlaps(scene, rect, margin):
     """Whether some polygon has a signed distance < margin (touching is no overlap at margin 0)."""
     cx, cy, c, s, hx, hy = rect
@@ -215,7 +216,7 @@ def overlaps(scene, rect, margin):
     return False
 
 
-@njit(cache=True)
+@kernel
 def collides_kernel(scene, footprints, offset, states, margin):
     """`overlaps` for either body in each state. Shape (N,)."""
     hit = np.empty(states.shape[0], dtype=np.bool_)
@@ -227,7 +228,7 @@ def collides_kernel(scene, footprints, offset, states, margin):
     return hit
 
 
-@njit(cache=True)
+@kernel
 def witness_kernel(scene, footprints, offset, states):
     """Per state and body: distance, witness on body, witness on obstacle, normal, polygon. Shape (N, 2, 8).
 
@@ -249,7 +250,7 @@ def witness_kernel(scene, footprints, offset, states):
     return out
 
 
-@njit(cache=True)
+@kernel
 def point_kernel(scene, points):
     """Least signed distance of each point to the polygons, inf without any. Shape (N,)."""
     out = np.empty(points.shape[0])

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from optim.arrays import Array, frozen
 from optim.collision import point_kernel
 from optim.geometry import PackedScene, pack
+from optim.kernel import kernel
 
 _SNAP = 1e-6  # [m]: joins boxes that miss each other by rounding, as those of a turned grid do
 
@@ -69,7 +69,7 @@ def _depth(polygons: Sequence[Array], points: Array) -> Array:
     return np.abs(point_kernel(pack(list(np.concatenate(edges))), frozen(points)))
 
 
-@njit(cache=True)
+@kernel
 def _weights(t):
     """Keys' four weights at t in [0, 1] and their derivatives by t."""
     t2, t3 = t * t, t * t * t
@@ -78,7 +78,7 @@ def _weights(t):
     return value, slope
 
 
-@njit(cache=True)
+@kernel
 def _interpolate(values, x_min, y_min, resolution, points):
     """Value and gradient at each point. Shape (N, 3)."""
     rows, columns = values.shape

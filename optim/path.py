@@ -13,9 +13,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from optim.arrays import Array, IntArray, frozen, frozen_int
+from optim.kernel import kernel
 from optim.vehicle import LARGEST_STEP, Vehicle, roll_out, roll_out_kernel
 
 LENGTH_TOLERANCE = 1e-9
@@ -185,7 +185,7 @@ def sample_segment(vehicle: Vehicle, segment: Segment, s: Array) -> tuple[Array,
     return _sample(*place, frozen(s), frozen_int(left), frozen(phi)), phi
 
 
-@njit(cache=True)
+@kernel
 def _sample(states, along, steering, d, kinematics, s, left, phi):
     """States at s, each integrated from the sample left of it."""
     out = np.empty((s.size, 4))

@@ -17,10 +17,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from optim.arrays import Array, IntArray, frozen, frozen_int
 from optim.collision import box_distance, rectangle, separating_gap, signed_distance
+from optim.kernel import kernel
 from optim.scene import Scene
 from optim.vehicle import Vehicle
 
@@ -62,7 +62,7 @@ def separations(scene: Scene, vehicle: Vehicle, states: Array, reach: float, mos
     return Separations(knot, body, polygon, frozen(table[:, 3]), frozen(table[:, 4:]))
 
 
-@njit(cache=True)
+@kernel
 def separation_kernel(scene, footprints, kinds, states, most, table):
     """Fill the table with rows of (knot, body, polygon, distance, gradient); how many there are, also if too many."""
     reach, offset, shortest = kinds[0], kinds[1], kinds[2]
@@ -83,7 +83,7 @@ def separation_kernel(scene, footprints, kinds, states, most, table):
     return count
 
 
-@njit(cache=True)
+@kernel
 def _fill(row, i, body, polygon, end, nx, ny, origin, states, offset):
     row[0], row[1], row[2], row[3] = i, body, polygon, end[0]
     ax, ay = end[1] + origin[0] - states[i, 0], end[2] + origin[1] - states[i, 1]
@@ -93,7 +93,7 @@ def _fill(row, i, body, polygon, end, nx, ny, origin, states, offset):
         row[7] = ny * (ax + offset * math.cos(heading)) - nx * (ay + offset * math.sin(heading))
 
 
-@njit(cache=True)
+@kernel
 def nearest_polygons(scene, rect, reach, near, order):
     """The polygons nearer than reach, nearest first, as many as the arrays hold; how many there are."""
     count, cap = 0, reach
@@ -118,7 +118,7 @@ def nearest_polygons(scene, rect, reach, near, order):
     return count
 
 
-@njit(cache=True)
+@kernel
 def contact(scene, k, rect, shortest, ends):
     """Height and point of the body, nearest first, at one or two ends of where body and polygon face each other.
 
@@ -161,7 +161,7 @@ def contact(scene, k, rect, shortest, ends):
     return 2, nx, ny
 
 
-@njit(cache=True)
+@kernel
 def _nearer_first(low, high, witness):
     """Whether the lower end comes first: the one nearer to the witness."""
     return abs(witness - low) <= abs(witness - high)

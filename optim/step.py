@@ -6,13 +6,13 @@ Each intermediate quantity carries its gradient and its Hessian (lower triangle)
 
 import math
 
-from numba import njit
+from optim.kernel import kernel
 
 VARIABLES = 5
 """theta, alpha, phi0, phi1, h."""
 
 
-@njit(cache=True)
+@kernel
 def step_jet(theta, alpha, phi0, phi1, h, d, kinematics, second, value, gradient, hessian, jet):
     """Change of (x, y, theta, alpha) over h, and its derivatives by (theta, alpha, phi0, phi1, h).
 
@@ -54,7 +54,7 @@ def step_jet(theta, alpha, phi0, phi1, h, d, kinematics, second, value, gradient
     _close(h, second, value, gradient, hessian)
 
 
-@njit(cache=True)
+@kernel
 def _move(h, c, k2, k3, second, jet):
     """Derivatives of theta and alpha after c h of the last stage's slopes k."""
     for o in range(4, 6):
@@ -72,7 +72,7 @@ def _move(h, c, k2, k3, second, jet):
             jet[o, 5, 4] += c * jet[o - 2, 0, 4]
 
 
-@njit(cache=True)
+@kernel
 def _slopes(th, al, phi, c, d, kinematics, second, jet):
     """Slopes of one stage, and their derivatives into jet; c is the share of phi1 in phi."""
     l, l_t, offset = kinematics
@@ -105,7 +105,7 @@ def _slopes(th, al, phi, c, d, kinematics, second, jet):
     return d * ct, d * st, d * turn, -d * (sa / l_t + lever * turn)
 
 
-@njit(cache=True)
+@kernel
 def _close(h, second, value, gradient, hessian):
     """The change is h / 6 times the sums of the stages, for theta and alpha added to where they begin."""
     share = h / 6.0

@@ -40,14 +40,14 @@ from the one witness normal to the other; and of the bound of Lipschitz,
 import math
 
 import numpy as np
-from numba import njit
 
 from optim.collision import box_distance, gap_along, nearest_polygon, rectangle, signed_distance
+from optim.kernel import kernel
 
 _SLACK = 1.001  # the audit relaxes the limits by 0.1 %, so a motion may use that much
 
 
-@njit(cache=True)
+@kernel
 def curvature_bounds(length, turn, phi0, phi1, wheelbase, max_steer, max_rate):
     """Bounds k of |dtheta/ds| and k' of |d2theta/ds2| on an interval of given length, where theta turns by `turn`.
 
@@ -66,7 +66,7 @@ def curvature_bounds(length, turn, phi0, phi1, wheelbase, max_steer, max_rate):
     return tangent / wheelbase, rate * (1.0 + tangent * tangent) / wheelbase
 
 
-@njit(cache=True)
+@kernel
 def motion_bounds(body, radius, length, alpha, k, k1, l_t, offset):
     """(v, a) of the module's notation: bounds of |p'| and |p''| of all points of one body; alpha = max |alpha_i|."""
     if body == 0:
@@ -79,7 +79,7 @@ def motion_bounds(body, radius, length, alpha, k, k1, l_t, offset):
     return hitch + radius * kt, k + m * (k1 + k * k) + radius * (kt1 + kt * kt)
 
 
-@njit(cache=True)
+@kernel
 def pair_bound(scene, k, rect0, rect1, length, v, a, enough):
     """A lower bound of the signed distance to polygon k over an interval; any value >= enough may stand for more."""
     d0, bx, by, _, _, n0x, n0y = signed_distance(scene, k, rect0)
@@ -114,7 +114,7 @@ def pair_bound(scene, k, rect0, rect1, length, v, a, enough):
     return bound
 
 
-@njit(cache=True)
+@kernel
 def interval_bound(scene, rect0, rect1, length, v, a, guess, cap):
     """The polygon with the least bound below cap on an interval, and that bound; (-1, cap) if there is none."""
     polygon, best = -1, cap
@@ -138,12 +138,12 @@ def interval_bound(scene, rect0, rect1, length, v, a, guess, cap):
     return polygon, best
 
 
-@njit(cache=True)
+@kernel
 def _radius(footprints, body):
     return math.hypot(max(footprints[body, 0], footprints[body, 1]), footprints[body, 2])
 
 
-@njit(cache=True)
+@kernel
 def _check_interval(scene, footprints, limits, s, states, phi, i, body, guess, cap):
     """`interval_bound` of one body between the samples i and i + 1."""
     wheelbase, l_t, offset, max_steer, max_rate = limits
@@ -161,7 +161,7 @@ def _check_interval(scene, footprints, limits, s, states, phi, i, body, guess, c
     return interval_bound(scene, rect0, rect1, length, v, a, guess, cap)
 
 
-@njit(cache=True)
+@kernel
 def swept_kernel(scene, footprints, limits, s, states, phi):
     """The bound of each interval and body, inf without obstacles. Shape (N - 1, 2)."""
     out = np.empty((s.size - 1, 2))
@@ -172,7 +172,7 @@ def swept_kernel(scene, footprints, limits, s, states, phi):
     return out
 
 
-@njit(cache=True)
+@kernel
 def _fastest(footprints, limits, s, states, phi, body):
     """A bound v of |p'| over the whole motion, never less than the v of any of its intervals."""
     wheelbase, l_t, offset, max_steer, _ = limits
@@ -188,7 +188,7 @@ def _fastest(footprints, limits, s, states, phi, body):
     return hitch + _radius(footprints, body) * hitch / l_t
 
 
-@njit(cache=True)
+@kernel
 def first_violation_kernel(scene, footprints, limits, s, states, phi, margin):
     """The first interval with a bound < margin for either body, -1 if none: conservative advancement.
 

@@ -23,9 +23,9 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
 from optim.arrays import Array, IntArray, frozen
+from optim.kernel import kernel
 
 LARGEST_STEP = 0.05
 """Of the integration in roll-outs, if nothing else is said [m]."""
@@ -117,7 +117,7 @@ def _range_of(name: str) -> tuple[float, float]:
     return ranges.get(name, (0.0, _UPPER_LIMIT))
 
 
-@njit(cache=True)
+@kernel
 def slope(theta, alpha, phi, d, l, l_t, offset):
     """dq/ds as four numbers; the one place that states the kinematics."""
     turn = math.tan(phi) / l
@@ -125,7 +125,7 @@ def slope(theta, alpha, phi, d, l, l_t, offset):
     return d * math.cos(theta), d * math.sin(theta), d * turn, -d * fold
 
 
-@njit(cache=True)
+@kernel
 def rk4(x, y, theta, alpha, phi0, phi1, ds, d, l, l_t, offset):
     """One Runge-Kutta step of order four over ds, phi linear from phi0 to phi1."""
     mid = 0.5 * (phi0 + phi1)
@@ -142,7 +142,7 @@ def rk4(x, y, theta, alpha, phi0, phi1, ds, d, l, l_t, offset):
     )
 
 
-@njit(cache=True)
+@kernel
 def roll_out_kernel(state0, s, phi, d, kinematics, max_step):
     """States at the arc lengths s; see `roll_out`."""
     l, l_t, offset = kinematics

@@ -7,6 +7,9 @@ with kernels go; what is left is current. Only the default place of the cache is
 
 import importlib.util
 import pathlib
+import re
+
+_KERNEL = re.compile(r"^@(kernel|njit)\b", re.MULTILINE)
 
 
 def drop_stale(folder: pathlib.Path | None = None) -> int:
@@ -16,7 +19,7 @@ def drop_stale(folder: pathlib.Path | None = None) -> int:
     """
     folder = folder or _package_folder()
     try:
-        written = [path.stat().st_mtime for path in folder.rglob("*.py") if "@njit" in path.read_text("utf-8")]
+        written = [path.stat().st_mtime for path in folder.rglob("*.py") if _KERNEL.search(path.read_text("utf-8"))]
         compiled = [(path, path.stat().st_mtime) for path in folder.rglob("__pycache__/*.nb[ic]")]
     except OSError:
         return 0

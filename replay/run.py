@@ -4,6 +4,7 @@ import dataclasses
 import math
 import traceback
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -17,7 +18,7 @@ from optim.problem import Problem
 from optim.result import Iterate, Picture, Result, Stop
 from replay.case import Case
 from replay.results import path_to_document, scene_to_document
-from replay.solving import Solve, Solved, solve
+from replay.solving import OnNamedIterate, OnStart, Solved, SolveEach, solve_in_turn
 
 Status = Literal["improved", "kept", "failed"]
 
@@ -102,17 +103,18 @@ class Interrupted(KeyboardInterrupt):
 def run_case(
     case: Case,
     methods: Mapping[str, Method],
-    on_iterate: Callable[[str, Iterate], None] | None = None,
+    on_iterate: OnNamedIterate | None = None,
     *,
-    on_start: Callable[[str], None] | None = None,
+    on_start: OnStart = lambda _: None,
+    on_end: Callable[[MethodRun], None] = lambda _: None,
     seed: int = 0,
-    solve: Solve = solve,
+    solve: SolveEach = solve_in_turn,
 ) -> Run:
-    """Run methods on a case, one after the other; one that fails does not stop the others.
+    """Run methods on a case; one that fails does not stop the others.
 
-    The callbacks get the method's name, before it starts and with each iterate. `seed` is noted, not used: seeds
-    are options of the methods; `solve` runs a method, by default in this process (see `replay.worker`). Raises
-    Interrupted on Ctrl-C.
+    The callbacks get the method's name, before it starts and with each iterate, and at last what came of it. `seed` is
+    noted, not used: seeds are options of the methods; `solve` runs the methods, by default in this process and one
+    after the other (see `replay.worker`). Raises Interrupted on Ctrl-C.
     """
     problem = case.problem
     run = Run(
@@ -123,21 +125,26 @@ def run_case(
         options={name: _options(method) for name, method in methods.items()},
         seed=seed,
     )
+    iterates = {name: _Iterates(name, on_iterate) for name in methods}
+    ended: dict[str, MethodRun] = {}
+
+    def finished() -> Run:
+        return dataclasses.replace(run, methods=tuple(ended[name] for name in methods if name in ended))
+
     try:
-        for name, method in methods.items():
-            if on_start is not None:
-                on_start(name)
-            iterates = _Iterates(name, on_iterate)
-            run = dataclasses.replace(run, methods=(*run.methods, _run_method(run, name, method, iterates, solve)))
+        with closing(solve(problem, methods, on_start, lambda name, iterate: iterates[name](iterate))) as outcomes:
+            for name, solved in outcomes:
+                ended[name] = _method_run(run, name, solved, iterates[name])
+                on_end(ended[name])
     except KeyboardInterrupt:
-        raise Interrupted(run) from None
-    return run
+        raise Interrupted(finished()) from None
+    return finished()
 
 
 class _Iterates:
     """Collects iterates: the scalars of all of them, and accepted paths thinned to a bounded number."""
 
-    def __init__(self, name: str, forward: Callable[[str, Iterate], None] | None) -> None:
+    def __init__(self, name: str, forward: OnNamedIterate | None) -> None:
         self.name = name
         self.forward = forward
         self.history: list[dict[str, Any]] = []
@@ -175,9 +182,8 @@ def _scalars(iterate: Iterate) -> dict[str, Any]:
     return {name: getattr(iterate, name) for name in fields} | {"residuals": dict(iterate.residuals)}
 
 
-def _run_method(run: Run, name: str, method: Method, iterates: _Iterates, solve: Solve) -> MethodRun:
-    """Solve, measure, audit; any exception ends here, in a run that has failed."""
-    solved = solve(run.case.problem, method, iterates)
+def _method_run(run: Run, name: str, solved: Solved, iterates: _Iterates) -> MethodRun:
+    """Measure and audit what a method gave; any exception ends here, in a run that has failed."""
     try:
         verdict = _verdict(run, solved, iterates)
     except Exception as error:  # a border: what a method gave may be anything

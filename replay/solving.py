@@ -3,8 +3,9 @@
 import math
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 from numba.core import event
 
@@ -32,6 +33,12 @@ class Solved:
 
 Solve = Callable[[Problem, Method, OnIterate], Solved]
 """Run a method, telling its iterates; whatever it does wrong comes back as `Solved.error`."""
+OnStart = Callable[[str], None]
+"""Hears the name of a method that begins."""
+OnNamedIterate = Callable[[str, Iterate], None]
+"""Hears a method's name and its iterate."""
+SolveEach = Callable[[Problem, Mapping[str, Method], OnStart, OnNamedIterate], Generator[tuple[str, Solved]]]
+"""Run methods, each by itself, and give what came of each by its name, in the order in which they end."""
 
 
 class OutOfTime(BaseException):
@@ -97,3 +104,17 @@ def solve(
     return Solved(
         result=result, out_of_time=late, error=error, traceback=trace, wall_s=spent(), compile_s=compiling.total
     )
+
+
+def solve_in_turn(
+    problem: Problem,
+    methods: Mapping[str, Method],
+    on_start: OnStart,
+    on_iterate: OnNamedIterate,
+    *,
+    time_limit: float = math.inf,
+) -> Generator[tuple[str, Solved]]:
+    """Run methods in this process, one after the other, each for `time_limit` [s] at most; a `SolveEach`."""
+    for name, method in methods.items():
+        on_start(name)
+        yield name, solve(problem, method, partial(on_iterate, name), time_limit=time_limit)

@@ -1,6 +1,6 @@
-"""Running methods in a child process, so that a crash, a hang or a hunger for memory costs one method and no more.
+"""Running methods in child processes, so that a crash, a hang or a hunger for memory costs one method and no more.
 
-The child is forked once, and again after it had to be ended or has died; it stays warm between methods. It gets a
+A child is forked once, and again after it had to be ended or has died; it stays warm between methods. It gets a
 problem and a method, and sends iterates and the outcome back. Ctrl-C is the parent's business: the child ignores it
 and is killed. When the parent dies, the child is ended by the system (Linux), or ends with its next word.
 """
@@ -16,9 +16,10 @@ import signal
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
+from functools import partial
+from multiprocessing.connection import Connection, wait
 from types import MappingProxyType, TracebackType
 from typing import Any, Self
 
@@ -26,8 +27,8 @@ import numpy as np
 
 from optim.methods import Method
 from optim.problem import Problem
-from optim.result import OnIterate
-from replay.solving import Solved, solve
+from optim.result import OnIterate, ignore
+from replay.solving import OnNamedIterate, OnStart, Solved, solve
 
 GRACE_S = 2.0
 """Time that a method has to tell its next iterate after its time is up [s]; then its process is ended."""
@@ -40,6 +41,11 @@ _ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP} if hasattr(signal, "SIG
 def can_isolate() -> bool:
     """Whether this system can run methods in processes of their own (by fork)."""
     return "fork" in multiprocessing.get_all_start_methods()
+
+
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,12 +62,14 @@ NO_LIMITS = Limits()
 
 
 class Worker:
-    """Runs methods in a child process; `solving.Solve`. A context manager: the child ends with it."""
+    """Runs methods in a child process, one at a time; `solving.Solve`. A context manager: the child ends with it."""
 
     def __init__(self, limits: Limits = NO_LIMITS) -> None:
         self.limits = limits
         self._process: Any = None
         self._pipe: Any = None  # a Connection; with fork never a PipeConnection, which type checkers see
+        self._clock = _Clock(math.inf)
+        self._on_iterate: OnIterate = ignore
 
     def __enter__(self) -> Self:
         return self
@@ -69,41 +77,64 @@ class Worker:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._end()
+        self.end()
 
     def __call__(self, problem: Problem, method: Method, on_iterate: OnIterate) -> Solved:
         """Run a method in the child; an exception of `on_iterate`, or Ctrl-C, ends the child and flies on."""
         try:
-            return self._solve(problem, method, on_iterate)
+            self.begin(problem, method, on_iterate)
+            while True:
+                wait([self.pipe], self.left())
+                if (solved := self.step()) is not None:
+                    return solved
         except BaseException:
-            self._end()
+            self.end()
             raise
 
-    def _solve(self, problem: Problem, method: Method, on_iterate: OnIterate) -> Solved:
+    def begin(self, problem: Problem, method: Method, on_iterate: OnIterate) -> None:
+        """Give a method to the child, which has none; `step` hears what comes of it."""
         pipe = self._ready()
-        clock = _Clock(self.limits.time_s + GRACE_S)
-        with contextlib.suppress(BrokenPipeError):  # it has died: the pipe's end says so below
+        self._clock, self._on_iterate = _Clock(self.limits.time_s + GRACE_S), on_iterate
+        with contextlib.suppress(BrokenPipeError):  # it has died: the pipe's end says so in `step`
             _send(pipe, (problem, method, self.limits.time_s))
-        while True:
-            if not pipe.poll(clock.left()):
-                self._end()
-                return Solved(result=None, out_of_time=True, wall_s=clock.spent(), compile_s=clock.paused)
-            try:
-                kind, body = pickle.loads(pipe.recv_bytes())
-            except (EOFError, OSError):
-                return Solved(result=None, error=self._last_words(), wall_s=clock.spent(), compile_s=clock.paused)
-            if kind == "iterate":
-                on_iterate(body)
-            elif kind == "compiling":
-                clock.pause(body)
-            else:
-                return body
+
+    @property
+    def pipe(self) -> Any:
+        """Where the child's words come; `wait` takes it."""
+        return self._pipe
+
+    def left(self) -> float | None:
+        """Time until the method's process is ended [s]; None for no end."""
+        return self._clock.left()
+
+    def step(self) -> Solved | None:
+        """Take one word of the child, if there is one; the outcome when that has come, or when its time is up."""
+        if not self._pipe.poll(0.0):
+            if self.left() != 0.0:
+                return None
+            self.end()
+            return self._lost(out_of_time=True)
+        try:
+            kind, body = pickle.loads(self._pipe.recv_bytes())
+        except (EOFError, OSError):
+            return self._lost(error=self._last_words())
+        if kind == "solved":
+            return body
+        if kind == "iterate":
+            self._on_iterate(body)
+        else:
+            self._clock.pause(body)
+        return None
+
+    def _lost(self, *, out_of_time: bool = False, error: str = "") -> Solved:
+        spent, paused = self._clock.spent(), self._clock.paused
+        return Solved(result=None, out_of_time=out_of_time, error=error, wall_s=spent, compile_s=paused)
 
     def _ready(self) -> Any:
         """The pipe to the child, which is started if there is none."""
         if self._pipe is not None and self._process.is_alive():
             return self._pipe
-        self._end()
+        self.end()
         context = multiprocessing.get_context("fork")
         ours, theirs = context.Pipe()
         self._process = context.Process(
@@ -121,13 +152,14 @@ class Worker:
         """Why the child has gone."""
         self._process.join(GRACE_S)
         code = self._process.exitcode
-        self._end()
+        self.end()
         if code is not None and code < 0:
             with contextlib.suppress(ValueError):
                 return f"its process was ended by {signal.Signals(-code).name}"
         return f"its process ended with exit status {code}"
 
-    def _end(self) -> None:
+    def end(self) -> None:
+        """End the child, whatever it does."""
         if self._pipe is not None:
             self._pipe.close()
         if self._process is not None:
@@ -135,6 +167,59 @@ class Worker:
             self._process.join()
             self._process.close()
         self._process, self._pipe = None, None
+
+
+class Workers:
+    """Runs several methods at the same time, each in a child process; `solving.SolveEach`. A context manager."""
+
+    def __init__(self, limits: Limits = NO_LIMITS, jobs: int = 1, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """`jobs` children at most; `meanwhile` is called once all of them have work, each time methods are run."""
+        self._workers = tuple(Worker(limits) for _ in range(jobs))
+        self._meanwhile = meanwhile
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for worker in self._workers:
+            worker.end()
+
+    def __call__(
+        self, problem: Problem, methods: Mapping[str, Method], on_start: OnStart, on_iterate: OnNamedIterate
+    ) -> Generator[tuple[str, Solved]]:
+        """Give out methods in their order; outcomes come as they come. What ends this ends the children too."""
+        waiting, busy = list(methods)[::-1], dict[str, Worker]()
+        free = list(self._workers[::-1])
+
+        def give_out() -> None:
+            while waiting and free:
+                name, worker = waiting.pop(), free.pop()
+                on_start(name)
+                worker.begin(problem, methods[name], partial(on_iterate, name))
+                busy[name] = worker
+
+        try:
+            give_out()
+            self._meanwhile()
+            while busy:
+                solved = _step(busy)
+                free += [busy.pop(name) for name in solved]
+                give_out()
+                yield from solved.items()
+        except BaseException:
+            for worker in self._workers:
+                worker.end()
+            raise
+
+
+def _step(busy: Mapping[str, Worker]) -> dict[str, Solved]:
+    """Wait until a child has a word to say, or has used up its time; outcomes by the method's name."""
+    lefts = [left for worker in busy.values() if (left := worker.left()) is not None]
+    wait([worker.pipe for worker in busy.values()], min(lefts, default=None))
+    stepped = {name: worker.step() for name, worker in busy.items()}
+    return {name: solved for name, solved in stepped.items() if solved is not None}
 
 
 class _Clock:

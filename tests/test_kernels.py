@@ -1,7 +1,11 @@
+import importlib
 import os
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+from numba.core.errors import TypingError
 
 from replay.kernels import drop_stale
 
@@ -33,3 +37,46 @@ def test_sources_without_kernels_do_not_count(tmp_path: Path) -> None:
     (tmp_path / "plain.py").write_text("later = 1\n")
     assert drop_stale(tmp_path) == 0
     assert (cache / "kernel.nbi").exists()
+
+
+SLOW = """
+import pathlib, sys, time
+from optim.kernel import kernel
+
+@kernel
+def slow(x):
+    y = x
+{lines}
+    return y
+
+if __name__ == "__main__":
+    mine, others = map(pathlib.Path, sys.argv[1:])
+    mine.touch()
+    while not others.exists():
+        time.sleep(0.001)
+    slow(1.0)
+    print(len(slow.stats.cache_misses), len(slow.stats.cache_hits))
+"""
+
+
+def test_a_kernel_that_two_processes_need_at_once_is_compiled_by_one_of_them(tmp_path):
+    script = tmp_path / "slow.py"
+    lines = "\n".join(f"    y = y * {number}.5 + x" for number in range(300))
+    script.write_text(SLOW.format(lines=lines))
+    flags = [(tmp_path / "a", tmp_path / "b"), (tmp_path / "b", tmp_path / "a")]
+    command = [sys.executable, str(script)]
+    both = [subprocess.Popen([*command, *map(str, pair)], stdout=subprocess.PIPE, text=True) for pair in flags]
+    said = sorted(process.communicate(timeout=100)[0].strip() for process in both)
+    assert [process.returncode for process in both] == [0, 0]
+    assert said == ["0 1", "1 0"], "misses and hits of the cache"
+
+
+def test_a_kernel_that_cannot_be_compiled_leaves_its_lock_to_the_next_try(tmp_path, monkeypatch):
+    (tmp_path / "broken.py").write_text(
+        "from optim.kernel import kernel\n@kernel\ndef plus(x):\n    return x + 1\n", encoding="utf-8"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    broken = importlib.import_module("broken")
+    with pytest.raises(TypingError):
+        broken.plus("a")
+    assert broken.plus(1) == 2

@@ -112,6 +112,7 @@ def test_a_higher_layers_common_seed_stands_above_a_lower_layers_own_one():
         ("method = 3", ["method is 3, expected a name or a list of names"]),
         ("method = 'shortct'", ["unknown method 'shortct'. Did you mean 'shortcut'?"]),
         ("time_limit = -1", ["--time-limit is -1, expected more than 0 s"]),
+        ("jobs = 0", ["--jobs is 0, expected 1 to 1024"]),
     ],
 )
 def test_a_mistake_in_a_file_is_one_line_that_says_where(tmp_path, capsys, text, words):

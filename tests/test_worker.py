@@ -2,6 +2,7 @@
 
 import dataclasses
 import faulthandler
+import multiprocessing
 import os
 import pathlib
 import signal
@@ -20,9 +21,9 @@ from optim.path import Path
 from optim.problem import Problem
 from optim.result import Iterate, OnIterate, Result, Stop, ignore
 from replay.case import Case, ReadReport
-from replay.run import run_case
+from replay.run import Interrupted, MethodRun, run_case
 from replay.solving import solve
-from replay.worker import Limits, Worker
+from replay.worker import Limits, Worker, Workers
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -68,8 +69,8 @@ def _case(problem: Problem) -> Case:
 )
 def test_a_method_that_goes_wrong_in_any_way_has_failed_and_the_next_one_goes_on(how, words):
     problem = random_problem(1)
-    with Worker(Limits(memory_mib=1500)) as worker:
-        run = run_case(_case(problem), {"bad": Bad(how=how), "shortcut": Shortcut(tries=200)}, solve=worker)
+    with Workers(Limits(memory_mib=1500)) as workers:
+        run = run_case(_case(problem), {"bad": Bad(how=how), "shortcut": Shortcut(tries=200)}, solve=workers)
     bad, good = run.methods
     assert bad.status == "failed"
     assert words in bad.reason
@@ -84,8 +85,8 @@ def test_when_time_is_up_the_best_iterate_that_passes_the_audit_is_the_result(ho
     better = Ddp().solve(problem).path
     bad = Bad(how=how, iterates=(better, problem.recorded))  # the last one says that it is the best
     started = time.monotonic()
-    with Worker(Limits(time_s=0.3)) as worker:
-        (run,) = run_case(_case(problem), {"bad": bad}, solve=worker).methods
+    with Workers(Limits(time_s=0.3)) as workers:
+        (run,) = run_case(_case(problem), {"bad": bad}, solve=workers).methods
     assert time.monotonic() - started < 20.0
     assert (run.status, run.stop) == ("improved", Stop.TIME_LIMIT.value)
     assert "Its time was up" in run.reason
@@ -94,8 +95,8 @@ def test_when_time_is_up_the_best_iterate_that_passes_the_audit_is_the_result(ho
 
 
 def test_without_a_better_iterate_the_recorded_path_is_kept_when_time_is_up():
-    with Worker(Limits(time_s=0.1)) as worker:
-        (run,) = run_case(_case(random_problem(1)), {"bad": Bad(how="goes on")}, solve=worker).methods
+    with Workers(Limits(time_s=0.1)) as workers:
+        (run,) = run_case(_case(random_problem(1)), {"bad": Bad(how="goes on")}, solve=workers).methods
     assert (run.status, run.stop) == ("kept", Stop.TIME_LIMIT.value)
 
 
@@ -122,6 +123,79 @@ def test_an_exception_of_the_listener_ends_the_child_and_flies_on():
         with pytest.raises(KeyboardInterrupt):
             worker(random_problem(1), Bad(how="hangs"), listener)
         assert worker(random_problem(1), Shortcut(tries=5), ignore).result is not None, "a new child is started"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Meets:
+    """A method that ends when the other one of a folder has begun too."""
+
+    folder: pathlib.Path
+    mine: str
+    others: str
+
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        (self.folder / self.mine).touch()
+        while not (self.folder / self.others).exists():
+            time.sleep(0.01)
+        on_iterate(Iterate(iteration=0, path=problem.initial, objective=1.0))
+        return Result(path=problem.initial, stop=Stop.CONVERGED, reason=self.mine, iterations=0)
+
+
+def test_methods_run_at_the_same_time_and_are_reported_in_their_order(tmp_path):
+    heard: list[str] = []
+    methods = {
+        "first": Meets(folder=tmp_path, mine="a", others="b"),
+        "second": Meets(folder=tmp_path, mine="b", others="a"),
+        "third": Shortcut(tries=5),
+    }
+    with Workers(Limits(time_s=60.0), 2, lambda: heard.append("meanwhile")) as workers:
+        run = run_case(
+            _case(random_problem(1)),
+            methods,
+            on_start=lambda name: heard.append(f"{name} starts"),
+            on_end=lambda method: heard.append(f"{method.name} ends"),
+            solve=workers,
+        )
+    assert [method.name for method in run.methods] == list(methods)
+    assert {method.status for method in run.methods} <= {"improved", "kept"}
+    assert [len(method.history) for method in run.methods[:2]] == [1, 1]
+    assert heard[:3] == ["first starts", "second starts", "meanwhile"]
+    assert sorted(heard[3:]) == ["first ends", "second ends", "third ends", "third starts"]
+
+
+def test_methods_side_by_side_give_the_same_paths_as_in_turn():
+    problem, methods = random_problem(2), {"ddp": Ddp(), "shortcut": Shortcut(tries=200), "bad": Bad(how="raises")}
+    with Workers(Limits(), 3) as workers:
+        side_by_side = run_case(_case(problem), methods, solve=workers)
+    in_turn = run_case(_case(problem), methods)
+    for one, other in zip(side_by_side.methods, in_turn.methods, strict=True):
+        assert (one.name, one.status) == (other.name, other.status)
+        assert repr(one.history) == repr(other.history)
+        np.testing.assert_array_equal(one.path.samples.states, other.path.samples.states)
+
+
+def test_a_method_that_dies_costs_nothing_to_the_one_beside_it(tmp_path):
+    met = Meets(folder=tmp_path, mine="a", others="b")
+    methods = {"slow": met, "crashes": Bad(how="crashes"), "frees": Meets(folder=tmp_path, mine="b", others="a")}
+    with Workers(Limits(time_s=60.0), 2) as workers:
+        slow, crashes, frees = run_case(_case(random_problem(1)), methods, solve=workers).methods
+    assert "SIGSEGV" in crashes.reason
+    assert (slow.status, frees.status) == ("kept", "kept")
+
+
+def test_an_interruption_ends_all_methods_and_keeps_what_was_finished():
+    def interrupt(method: MethodRun) -> None:
+        del method
+        raise KeyboardInterrupt
+
+    methods = {"hangs": Bad(how="hangs"), "done": Shortcut(tries=5), "never": Shortcut(tries=5)}
+    started = time.monotonic()
+    with Workers(Limits(), 2) as workers:
+        with pytest.raises(Interrupted) as caught:
+            run_case(_case(random_problem(1)), methods, on_end=interrupt, solve=workers)
+        assert multiprocessing.active_children() == []
+    assert [method.name for method in caught.value.run.methods] == ["done"]
+    assert time.monotonic() - started < 20.0
 
 
 def test_the_child_ends_when_its_parent_is_killed(tmp_path):

@@ -40,7 +40,7 @@ from replay.files import atomic_write  # noqa: E402
 from replay.kernels import drop_stale  # noqa: E402
 from replay.logs import read_cases  # noqa: E402
 from replay.run import run_case  # noqa: E402
-from replay.worker import Limits, Worker  # noqa: E402
+from replay.worker import Limits, Workers  # noqa: E402
 from tools.corpus.catalogue import FULL, SITES, read_list  # noqa: E402
 from tools.study_descriptions import obstacles_report  # noqa: E402
 from tools.study_report import report  # noqa: E402
@@ -151,8 +151,8 @@ def _measure(name: str, path: pathlib.Path, methods: dict[str, Method], time_lim
         case = read_cases(path)[0]
     except ReplayError as error:
         return [{"log": name, "method": "recorded", "status": "unreadable", "reason": str(error)}]
-    with Worker(Limits(time_s=time_limit, memory_mib=4096)) as worker:
-        run = run_case(case, methods, solve=worker)
+    with Workers(Limits(time_s=time_limit, memory_mib=4096)) as workers:
+        run = run_case(case, methods, solve=workers)
     recorded = {"log": name, "method": "recorded", "status": "recorded", "feasible": run.recorded_audit["passed"]}
     rows = [recorded | {"metrics": run.recorded_metrics}]
     for each in run.methods:

@@ -20,10 +20,10 @@ of given metrics to all l_xx and l_uu: a proximal term, which holds back the way
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from optim.arrays import Array
 from optim.ddp.boxqp import AT_LOW, FREE, box_qp, solve_factored
+from optim.kernel import kernel
 
 
 class Expansion(NamedTuple):
@@ -93,7 +93,7 @@ def new_policy(stages: int, n: int, m: int) -> Policy:
     return Policy(np.zeros((stages, m)), np.zeros((stages, m, n)))
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _propagate(e, k, vxx, p, curved, regularisation, f, vf, qz, qzz):
     """Q's derivatives by z at stage k; f and vf are space of shape (n, 4 blocks), qzz has that many columns too.
 
@@ -146,7 +146,7 @@ def _propagate(e, k, vxx, p, curved, regularisation, f, vf, qz, qzz):
         qzz[n + i, n + i] += regularisation * e.control_metric[i]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _feedback(e, k, gain, qzz, chol, held, quu, moving, column):
     """K: free controls minimise, held ones follow their bound."""
     n, m = len(e.sizes[0]), len(e.sizes[1])
@@ -168,7 +168,7 @@ def _feedback(e, k, gain, qzz, chol, held, quu, moving, column):
                 gain[i, j] = column[i]
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _value_function(sizes, qz, qzz, quu, k, gain, vx, vxx, slope, row):
     """V_x and V_xx of a stage; slope and row are space of shapes (m,) and (m, n)."""
     n, m = len(sizes[0]), len(sizes[1])
@@ -195,7 +195,7 @@ def _value_function(sizes, qz, qzz, quu, k, gain, vx, vxx, slope, row):
             vxx[j, i] = total
 
 
-@njit(cache=True, fastmath={"contract"})
+@kernel(fastmath={"contract"})
 def backward_pass(e, regularisation, curvature, policy, report):
     """Fill the policy; the stage whose Q_uu is not positive, or -1 when all went well.
 
@@ -250,7 +250,7 @@ def backward_pass(e, regularisation, curvature, policy, report):
     return -1
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _across_gap(e, k, vx, vxx, p, report):
     """p = V_x + V_xx gap, and what closing the gap changes."""
     n = len(e.sizes[0])

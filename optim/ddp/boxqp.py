@@ -8,14 +8,14 @@ the value falls enough (Armijo). For the two or three controls of a stage that e
 
 import math
 
-from numba import njit
+from optim.kernel import kernel
 
 FREE, AT_LOW, AT_HIGH = 0, -1, 1
 _ARMIJO = 0.1
 _MOST = 50
 
 
-@njit(cache=True)
+@kernel
 def factor(h, held, chol, size):
     """Cholesky factor of H with the rows and columns of held variables replaced by the identity's; False unless > 0.
 
@@ -39,7 +39,7 @@ def factor(h, held, chol, size):
     return True
 
 
-@njit(cache=True)
+@kernel
 def solve_factored(chol, b, size):
     """Overwrite b with the solution of (L L') x = b."""
     m = len(size)
@@ -53,7 +53,7 @@ def solve_factored(chol, b, size):
         b[i] *= chol[i, i]
 
 
-@njit(cache=True)
+@kernel
 def _value(h, g, x, size):
     total = 0.0
     for i in range(len(size)):
@@ -64,7 +64,7 @@ def _value(h, g, x, size):
     return total
 
 
-@njit(cache=True)
+@kernel
 def box_qp(h, g, low, high, x, held, chol, gradient, step, trial, size):
     """Solve from x, which is overwritten; False when H is not positive on the free variables.
 

@@ -8,11 +8,10 @@ With the multiplier lambda and the penalty rho, after Powell, Hestenes and Rocka
 import math
 from typing import NamedTuple
 
-from numba import njit
-
 from optim.arrays import Array, IntArray
 from optim.collision import rectangle
 from optim.ddp.features import OTHER, POINT, SIDE, feature_distance
+from optim.kernel import kernel
 
 NEAREST = 0.01
 """Least slack [m, rad] that the metric tells from none."""
@@ -48,7 +47,7 @@ class Lagrangian(NamedTuple):
     """Penalty of the goal, of the hitch angle, of the clearance; largest hitch angle [rad]. Shape (4,)."""
 
 
-@njit(cache=True)
+@kernel
 def _add_row(scene, offset, states, k, body, contact, force, penalty, slack, curvature, e):
     """Derivatives of a clearance term; with `curvature`, those of the distance as well; without force, the metric."""
     distance, bx, by, nx, ny, kind = contact
@@ -92,7 +91,7 @@ def _add_row(scene, offset, states, k, body, contact, force, penalty, slack, cur
             e.bend[k, i, j] -= force * bend
 
 
-@njit(cache=True)
+@kernel
 def knot_terms(scene, footprints, offset, rows, lagrangian, states, k, derive, e):
     """The terms of knot k. With derive > 0 their derivatives by x, y, theta, alpha are added to the Expansion.
 
@@ -136,7 +135,7 @@ def knot_terms(scene, footprints, offset, rows, lagrangian, states, k, derive, e
     return total
 
 
-@njit(cache=True)
+@kernel
 def residuals(scene, footprints, offset, rows, lagrangian, states, update):
     """Largest residuals of goal, hitch angle and clearance, and the violations of the last two; `update` moves lambda.
 

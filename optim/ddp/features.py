@@ -20,16 +20,16 @@ quarter turn of n, p the rear axle, r the body's reference point and psi its hea
 import math
 
 import numpy as np
-from numba import njit
 
 from optim.collision import rectangle, signed_distance
+from optim.kernel import kernel
 from optim.separation import nearest_polygons
 
 CORNER, OVERLAP = -1, -5
 POINT, SIDE, EDGE, OTHER = 0, 1, 2, 3  # what faces what: two points; a side of the body, a vertex; an edge, a corner
 
 
-@njit(cache=True)
+@kernel
 def vertex_distance(scene, vertex, rect):
     """Signed distance of a polygon's vertex from a rectangle: distance, b, n and the kind of contact."""
     cx, cy, c, s, hx, hy = rect
@@ -47,7 +47,7 @@ def vertex_distance(scene, vertex, rect):
     return distance, cx + c * bu - s * bv, cy + s * bu + c * bv, c * nu - s * nv, s * nu + c * nv, kind
 
 
-@njit(cache=True)
+@kernel
 def corner_distance(scene, polygon, corner, rect):
     """Signed distance of a rectangle's corner from a polygon: distance, b, n and the kind of contact."""
     cx, cy, c, s, hx, hy = rect
@@ -81,7 +81,7 @@ def corner_distance(scene, polygon, corner, rect):
     return nearest, bx, by, nearest_x, nearest_y, kind
 
 
-@njit(cache=True)
+@kernel
 def feature_distance(scene, polygon, feature, rect):
     """Distance, b, n and the kind of contact of one feature."""
     if feature >= 0:
@@ -92,7 +92,7 @@ def feature_distance(scene, polygon, feature, rect):
     return distance, bx, by, nx, ny, OTHER
 
 
-@njit(cache=True)
+@kernel
 def list_features(scene, footprints, offset, states, reach, most, old, first, body, polygon, feature, multiplier):
     """List the features nearer than `reach` at each knot; how many there are, also if too many for the arrays.
 

@@ -18,10 +18,10 @@ control both limits of the steering are bounds, kept exactly at every iterate; J
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from optim.arrays import Array
 from optim.ddp.constraints import knot_terms
+from optim.kernel import kernel
 from optim.step import VARIABLES, step_jet
 from optim.vehicle import rk4
 
@@ -56,7 +56,7 @@ class Stages(NamedTuple):
     """l, l_t, M [m]. Shape (3,)."""
 
 
-@njit(cache=True)
+@kernel
 def _next_state(st, k, x, u0, u1, out):
     d = st.gear[k]
     if d == 0.0:
@@ -70,7 +70,7 @@ def _next_state(st, k, x, u0, u1, out):
     out[4], out[5] = u0, x[5]
 
 
-@njit(cache=True)
+@kernel
 def _stage_cost(st, k, x, u0):
     change = u0 - x[4]
     if st.gear[k] == 0.0:
@@ -80,7 +80,7 @@ def _stage_cost(st, k, x, u0):
     return h * (st.weights[0] + st.toll[k] + st.weights[1] * square) + st.weights[2] * change * change / h
 
 
-@njit(cache=True)
+@kernel
 def _bounds(st, k, x):
     """Lowest and highest phi+; and whether each is the rate's limit."""
     low, high, low_rate, high_rate = -st.limits[0], st.limits[0], False, False
@@ -93,7 +93,7 @@ def _bounds(st, k, x):
     return low, high, low_rate, high_rate
 
 
-@njit(cache=True)
+@kernel
 def roll_out(st, scene, footprints, rows, lagrangian, e, states, controls, policy, step, reach, out, out_u):
     """Drive with u + step k + K dx, gaps closed by the share `step`; the augmented Lagrangian of where that leads.
 
@@ -128,7 +128,7 @@ def roll_out(st, scene, footprints, rows, lagrangian, e, states, controls, polic
     return total
 
 
-@njit(cache=True)
+@kernel
 def expand(st, scene, footprints, rows, lagrangian, states, controls, curvature, e):
     """Fill the Expansion at a trajectory; its augmented Lagrangian."""
     stages = st.gear.size
@@ -184,7 +184,7 @@ def expand(st, scene, footprints, rows, lagrangian, states, controls, curvature,
     return total
 
 
-@njit(cache=True)
+@kernel
 def _drive_dynamics(e, k, w, gradient, hessian, curvature):
     """The step's derivatives by state and control: h = w L, theta and alpha include themselves."""
     e.fz[k, 0, 0], e.fz[k, 1, 1], e.fz[k, 5, 5] = 1.0, 1.0, 1.0
@@ -200,7 +200,7 @@ def _drive_dynamics(e, k, w, gradient, hessian, curvature):
                     e.fzz[k, o, _PLACE[i], _PLACE[j]] = scale * hessian[o, i, j]
 
 
-@njit(cache=True)
+@kernel
 def _drive_cost(st, e, k, w, x, u0):
     """Derivatives of a driving stage's cost by phi (4), L (5) and the next phi."""
     h, phi = w * x[5], x[4]

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 
 from optim.arrays import Array, IntArray, frozen, frozen_int
+from optim.kernel import kernel
 from optim.objective import Weights
 from optim.path import Path, Segment, sample_segment, segment_from_states
 from optim.step import step_jet
@@ -117,7 +117,7 @@ def _steps(vehicle: Vehicle, knots: Knots, multipliers: Array | None) -> tuple[A
     return steps_kernel(knots.states, knots.phi, knots.h, gears, vehicle.kinematics, weights)
 
 
-@njit(cache=True)
+@kernel
 def steps_kernel(states, phi, h, gear, kinematics, weights):
     """Defects, derivatives, and curvature weighted by (K - 1, 4) weights; with (0, 4) weights no curvature."""
     count, second = h.size, weights.shape[0] > 0
@@ -205,7 +205,7 @@ def path_of(vehicle: Vehicle, knots: Knots, like: Path) -> Path:
     return Path(tuple(segments))
 
 
-@njit(cache=True)
+@kernel
 def _fill(states, phi, h, gear, kinematics, pieces):
     """States, steering and arc length at the knots and, so many pieces to an interval, between them."""
     l, l_t, offset = kinematics
@@ -279,7 +279,7 @@ def within_rate(knots: Knots, limit: float) -> Array:
     return _within_rate(knots.phi, knots.h, knots.gear, float(limit))
 
 
-@njit(cache=True)
+@kernel
 def _within_rate(phi, h, gear, limit):
     forth, back = phi.copy(), phi.copy()
     for k in range(h.size):

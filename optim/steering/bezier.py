@@ -14,9 +14,9 @@ B(t) = sum c_i t^i, in the frame of the first state: origin, heading 0.
 import math
 
 import numpy as np
-from numba import njit
 
 from optim.arrays import Array
+from optim.kernel import kernel
 from optim.steering.flat import GAUSS_W, GAUSS_X, TOLERANCE, TWO_PI, Limits, hermite, load, peak
 
 _GRID = 6  # tangent lengths tried at each end,
@@ -33,7 +33,7 @@ def control_points(coefficients: Array) -> Array:
     return np.asarray(weights) @ coefficients
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def coefficients(start, goal, a0, a1, c):
     """Fill c (8, 2) for tangent lengths a0, a1 [m]; start = (k0, s0), goal = (x, y, theta, k1, s1)."""
     c[0, 0], c[0, 1] = 0.0, 0.0
@@ -54,7 +54,7 @@ def coefficients(start, goal, a0, a1, c):
         c[7, i] = -20.0 * r0 + 10.0 * r1 - 2.0 * r2 + r3 / 6.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def derivatives(c, i, t):
     """Coordinate i of the curve at t, and its first to fourth derivative by t [m]."""
     c2, c3, c4, c5, c6, c7 = c[2, i], c[3, i], c[4, i], c[5, i], c[6, i], c[7, i]
@@ -67,7 +67,7 @@ def derivatives(c, i, t):
     return d0, d1, d2, d3, d4
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def bends_at(c, t):
     """B [m], B' [m], kappa, sigma and dsigma/ds_f of the curve at t; seven numbers."""
     i = int(0.0 * t)  # not a literal 0, for which `derivatives` would be compiled a second time
@@ -88,7 +88,7 @@ def bends_at(c, t):
     return x, y, x1, y1, n, slope / speed, p * (bend - 0.5 * slope * dw)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def curve_load(c, count, stride, slowest, stop, lim):
     """(largest load, length) from count + 1 samples; (load, inf) at the first one above stop.
 
@@ -119,7 +119,7 @@ def curve_load(c, count, stride, slowest, stop, lim):
     return worst, length / count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def search(start, goal, chord, target, lim, c):
     """(length by the chord, a0, a1 by the chord) of the shortest candidate found whose load is at most target.
 
@@ -171,7 +171,7 @@ def plan_bezier(start: Array, goal: Array, lim: Limits, max_length: float) -> tu
     return math.inf, 0.0, 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def sample_bezier(start, goal, a0, a1, spacing, lim):
     """The curve at equal distances of at most spacing along the truck's path: (length of that path, flat (n, 5))."""
     c = np.empty((8, 2))
@@ -210,7 +210,7 @@ def sample_bezier(start, goal, a0, a1, spacing, lim):
     return total, flat
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def truck_distance(c, t0, t1, l_t):
     """Distance of the truck's rear axle between two parameters at most 1/16 apart (Gauss-Legendre) [m]."""
     total = 0.0

@@ -19,8 +19,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from optim.kernel import kernel
 from optim.vehicle import Vehicle
 
 TOLERANCE = 1e-6
@@ -64,7 +64,7 @@ def limits(vehicle: Vehicle) -> Limits:
     return l, l_t, *bounds, hold_curvature((l, l_t, *bounds, 0.0))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def load(kappa, sigma, curl, lim):
     """Load at a point: largest of |kappa|, |tan(phi)|, |dphi/ds| by its limit; curl = dsigma/ds_f [1/m^3]."""
     u = lim[1] * kappa
@@ -79,7 +79,7 @@ def load(kappa, sigma, curl, lim):
     return max(abs(kappa) / lim[2], abs(steer) / lim[3], abs(rate) / lim[4]) + 0.0 * rate
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def effort(flat, length, lim):
     """Integrals of phi^2, (dphi/ds)^2 over equally spaced samples (n, 5) of a truck's distance, phi linear between."""
     l, l_t = lim[0], lim[1]
@@ -96,14 +96,14 @@ def effort(flat, length, lim):
     return steer, rate
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def hermite(k0, s0, k1, s1, length):
     """Quadratic and cubic coefficient of the cubic from (k0, slope s0) to (k1, slope s1) over length."""
     step = (k1 - k0) / length
     return (3.0 * step - 2.0 * s0 - s1) / length, (s0 + s1 - 2.0 * step) / (length * length)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def peak(before, value, after):
     """Top of the parabola through three equally spaced values, the middle one being the largest."""
     bend = 2.0 * value - before - after
@@ -112,7 +112,7 @@ def peak(before, value, after):
     return value + (after - before) ** 2 / (8.0 * bend)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def ramp_load(k0, s0, k1, length, count, stop, lim):
     """Largest load on a cubic ramp from (k0, s0) to (k1, 0), from count + 1 samples and the parabolas through them.
 
@@ -134,14 +134,14 @@ def ramp_load(k0, s0, k1, length, count, stop, lim):
     return worst
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def largest_curl(kappa, lim):
     """Largest |dsigma/ds_f| that the steering rate allows where sigma = 0 [1/m^3]."""
     q = 1.0 + (lim[1] * kappa) ** 2
     return lim[4] * q * q * (1.0 + (lim[0] * kappa) ** 2 / q) / (lim[0] * abs(lim[1]))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def shortest_ramp(k0, s0, k1, precision, lim):
     """Shortest length of a ramp from (k0, s0) to (k1, 0) within the limits, at most by the factor `precision` too long.
 
@@ -167,7 +167,7 @@ def shortest_ramp(k0, s0, k1, precision, lim):
     return high
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def hold_curvature(lim):
     """The peak that long turns are held at: of those within the limits, the one that turns 3 rad shortest [1/m]."""
     best, shortest = 0.0, np.inf

@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from optim.kernel import kernel
 from optim.steering.flat import GAUSS_W, GAUSS_X, hermite
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def pieces_of(row, start, goal):
     """The curve of a row of `plan_turns` as seven cubics: length and c of kappa = c0 + c1 s + c2 s^2 + c3 s^3."""
     pieces = np.empty((7, 5))
@@ -22,7 +22,7 @@ def pieces_of(row, start, goal):
     return pieces
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def bends(piece, s):
     """(heading from the piece's start, kappa, sigma) at the distance s along a piece."""
     c0, c1, c2, c3 = piece[1], piece[2], piece[3], piece[4]
@@ -30,7 +30,7 @@ def bends(piece, s):
     return heading, c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2.0 * c2 + 3.0 * s * c3)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def displacement(piece, s0, s1, heading):
     """Displacement (x, y) from s0 to s1, which are close, on a piece that starts with `heading` (Gauss-Legendre)."""
     x, y = 0.0, 0.0
@@ -41,7 +41,7 @@ def displacement(piece, s0, s1, heading):
     return (s1 - s0) * x, (s1 - s0) * y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def truck_distance(piece, s0, s1, l_t):
     """Distance of the truck's rear axle from s0 to s1, which are close, on a piece (Gauss-Legendre)."""
     distance = 0.0
@@ -51,7 +51,7 @@ def truck_distance(piece, s0, s1, l_t):
     return (s1 - s0) * distance
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def sample_turns(row, start, goal, spacing, lim):
     """The curve at equal distances of at most spacing along the truck's path: (length of that path, flat (n, 5))."""
     l_t = lim[1]

@@ -6,8 +6,8 @@ Notation as in `turns`: ramps of lengths l1 and l2, hold, peak curvature kp, def
 import math
 
 import numpy as np
-from numba import njit
 
+from optim.kernel import kernel
 from optim.steering.flat import GAUSS_W, GAUSS_X, TWO_PI, hermite, shortest_ramp
 
 ROWS = 10
@@ -17,13 +17,13 @@ CELLS = 40
 """Of the grid of deflections, and of headings of the straight, for a full circle."""
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def peak_curvature(deflection, k0, s0, l1, hold, l2):
     """kp of a turn from its deflection [1/m]."""
     return (deflection - 0.5 * l1 * k0 - s0 * l1 * l1 / 12.0) / (0.5 * (l1 + l2) + hold)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def ramp_end(heading, k0, s0, k1, length, panels):
     """Displacement along a ramp from (k0, s0) to (k1, 0) that starts with `heading`.
 
@@ -42,7 +42,7 @@ def ramp_end(heading, k0, s0, k1, length, panels):
     return length * x / count, length * y / count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def turn_end(deflection, k0, s0, l1, hold, l2, panels):
     """End (x, y) of a turn from the origin with heading 0."""
     kp = peak_curvature(deflection, k0, s0, l1, hold, l2)
@@ -53,7 +53,7 @@ def turn_end(deflection, k0, s0, l1, hold, l2, panels):
     return x + dx + ex, y + dy + ey
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def arc_end(heading, kappa, length):
     """Displacement along an arc that starts with `heading`."""
     half = 0.5 * length * kappa
@@ -61,7 +61,7 @@ def arc_end(heading, kappa, length):
     return chord * math.cos(heading + half), chord * math.sin(heading + half)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def sharpest_turns(k0, s0, first, lim, max_length, table):
     """Fill ROWS rows (reach, l1, hold, l2) of `table` from row `first` on for each of two families; the least length.
 
@@ -103,7 +103,7 @@ def sharpest_turns(k0, s0, first, lim, max_length, table):
     return least
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def tabulated(table, row, reach):
     """(l1, hold, l2) of the turn of the family from `row` on, interpolated."""
     i = row + 1
@@ -118,7 +118,7 @@ def tabulated(table, row, reach):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def tabulate_ends(k0, s0, offset, row, side, max_length, table, ends):
     """Fill rows of `ends` with (x, y, length) of the turns of the family from `row` on; length inf outside it.
 

@@ -21,9 +21,9 @@ the limits allow at their own kp. All angles in the frame of the first state: or
 import math
 
 import numpy as np
-from numba import njit
 
 from optim.arrays import Array, frozen
+from optim.kernel import kernel
 from optim.steering.flat import TOLERANCE, TWO_PI, Limits, ramp_load
 from optim.steering.sharpest import CELLS, ROWS, peak_curvature, sharpest_turns, tabulate_ends, tabulated, turn_end
 
@@ -32,7 +32,7 @@ NUM_SOLUTIONS = 4
 _NUM_ROOTS = 24
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def tangent(psi, x1, y1, x2, y2, goal):
     """(f, straight) for the line heading psi: first turn's end (x1, y1), last turn's (x2, y2) in its own frame."""
     c, s = math.cos(goal[2]), math.sin(goal[2])
@@ -41,7 +41,7 @@ def tangent(psi, x1, y1, x2, y2, goal):
     return c * dy - s * dx, c * dx + s * dy
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def gap(psi, shift, start, goal, turns, panels):
     """(f, straight) with both turns' lengths (2, 3) given; panels as in `ramp_end`."""
     x1, y1 = turn_end(psi, start[0], start[1], turns[0, 0], turns[0, 1], turns[0, 2], panels)
@@ -49,7 +49,7 @@ def gap(psi, shift, start, goal, turns, panels):
     return tangent(psi, x1, y1, x2, y2, goal)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def family_gap(psi, shift, start, goal, family1, family2, table, turns):
     """(f, straight, length of both turns) with tabulated turns, which are written to turns (2, 3)."""
     for i in range(2):
@@ -61,7 +61,7 @@ def family_gap(psi, shift, start, goal, family1, family2, table, turns):
     return f, straight, turns[0, 0] + turns[0, 1] + turns[0, 2] + turns[1, 0] + turns[1, 1] + turns[1, 2]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def refine(low, f_low, high, f_high, shift, start, goal, family1, family2, table, turns):
     """Root psi of f over tabulated turns in a bracket, to 1 cm of f (Illinois); (psi, straight, length, slope of f)."""
     psi, straight, length, slope = low, -np.inf, np.inf, 1.0
@@ -79,7 +79,7 @@ def refine(low, f_low, high, f_high, shift, start, goal, family1, family2, table
     return psi, straight, length, slope
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def tabulate_turns(start, goal, lim, max_length, table, ends):
     """Fill table (4 ROWS, 4) and ends (4 (2 CELLS + 1), 3) with the sharpest turns from both ends.
 
@@ -101,7 +101,7 @@ def tabulate_turns(start, goal, lim, max_length, table, ends):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def find_tangents(start, goal, lim, max_length, table, ends, turns, roots):
     """Fill roots (n, 10) with (length, psi, shift, slope of f, turns (2 x 3)) of common tangents of tabulated turns.
 
@@ -159,7 +159,7 @@ def find_tangents(start, goal, lim, max_length, table, ends, turns, roots):
     return num_roots
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def solve_tangent(psi, slope, shift, start, goal, turns):
     """Root of f near psi with the turns' lengths fixed, to rounding (secant from a slope); (psi, straight) or nan."""
     root, step, f_before = psi, np.inf, np.nan
@@ -176,7 +176,7 @@ def solve_tangent(psi, slope, shift, start, goal, turns):
     return root, np.nan
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def scale_ramps(delta, k0, s0, top, loads, turns, end):
     """Bring the loads of both ramps of a turn towards 1, and its hold to what the deflection then needs.
 
@@ -191,7 +191,7 @@ def scale_ramps(delta, k0, s0, top, loads, turns, end):
         turns[end, 1] = max(0.0, abs(ramps) / kp - 0.5 * (turns[end, 0] + turns[end, 2]))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def solve_turns(root, start, goal, lim, turns, loads, row):
     """Solve a root of `find_tangents` exactly with ramps at the limits; fills `row` of `plan_turns`, tells if it could.
 

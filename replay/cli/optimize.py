@@ -83,8 +83,8 @@ def optimize(
     viewer
         Address of a running viewer to show it in, such as rerun+http://127.0.0.1:9876/proxy.
     config
-        TOML file with options: a table for each method, [weights] and [reading]; method, seed, recording, time_limit
-        and memory_limit stand outside of tables.
+        TOML file with options: a table for each method, [weights] and [reading]; method, seed, recording, time_limit,
+        memory_limit and jobs stand outside of tables.
     set_
         One option as GROUP.OPTION=VALUE, such as shortcut.tries=500, weights.cusp=7 or reading.margin=0.2; may be
         given several times.
@@ -116,6 +116,7 @@ def optimize(
         live=_live(voice, view, viewer, settings),
         recording=settings.run.recording,
         limits=settings.run.limits,
+        jobs=settings.run.jobs,
         origin=origin,
         settings=settings.to_dict(),
     )

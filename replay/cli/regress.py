@@ -18,7 +18,7 @@ from replay.cli.console import Common, Voice
 from replay.cli.optimize import MethodFlags, WeightFlags
 from replay.cli.options import UsageError
 from replay.cli.reading import Reading
-from replay.cli.settings import RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags, settled
+from replay.cli.settings import MOST_JOBS, RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags, settled
 from replay.cli.usage import ExitStatus
 from replay.errors import ReplayError
 from replay.files import WRITE_ERROR
@@ -209,8 +209,8 @@ def _shown(value: Any) -> str:
 def _check(time_limit: float, jobs: int) -> None:
     if not 0.0 < time_limit < math.inf:
         raise UsageError(f"--time-limit is {time_limit:g}, expected more than 0 s")
-    if not 1 <= jobs <= 1024:
-        raise UsageError(f"--jobs is {jobs}, expected 1 to 1024")
+    if not 1 <= jobs <= MOST_JOBS:
+        raise UsageError(f"--jobs is {jobs}, expected 1 to {MOST_JOBS}")
 
 
 def _settings(layers: list[Layer], corpus: Corpus, recordings: Recordings) -> tuple[Settings, tuple[str, ...]]:

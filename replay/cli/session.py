@@ -21,10 +21,10 @@ from replay.live import LiveView
 from replay.logs import ReadOptions, read_cases
 from replay.progress import Progress
 from replay.results import to_document, tool, write_results
-from replay.run import Interrupted, Run, run_case
-from replay.solving import Solve, solve
+from replay.run import Interrupted, MethodRun, Run, run_case
+from replay.solving import SolveEach, solve_in_turn
 from replay.tables import reasons, recorded_failures, result_table, verdict
-from replay.worker import NO_LIMITS, Limits, Worker, can_isolate
+from replay.worker import NO_LIMITS, Limits, Workers, can_isolate, usable_cores
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -100,6 +100,8 @@ class Session:
     export: bool = False
     """Write the paths into a copy of each log."""
     limits: Limits = NO_LIMITS
+    jobs: int = 1
+    """Methods that run at the same time, on as many cores at most."""
     origin: Origin | None = None
     settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     """More of the options, for the results file."""
@@ -124,7 +126,7 @@ class Session:
         self.voice.document(document | {"logs": [dataclasses.asdict(entry) for entry in entries]})
         return status
 
-    def _run_log(self, log: pathlib.Path, entry: LogEntry, solver: Solve, position: str) -> None:
+    def _run_log(self, log: pathlib.Path, entry: LogEntry, solver: SolveEach, position: str) -> None:
         with self._progress(position) as progress:
             progress.show(log.name, "reading")
             cases = read_cases(log, self.read)
@@ -136,7 +138,7 @@ class Session:
                 self._write_export(log, entry, finished, position)
 
     def _run_cases(
-        self, cases: Sequence[Case], entry: LogEntry, solver: Solve, position: str, finished: list[Run]
+        self, cases: Sequence[Case], entry: LogEntry, solver: SolveEach, position: str, finished: list[Run]
     ) -> None:
         for case in self._wanted(cases):
             entry.lost |= case.read.lost
@@ -165,7 +167,7 @@ class Session:
             self.voice.show(f"wrote {target}", "")
 
     def _run_case(
-        self, case: Case, names: Names, entry: LogEntry, solver: Solve, position: str, finished: list[Run]
+        self, case: Case, names: Names, entry: LogEntry, solver: SolveEach, position: str, finished: list[Run]
     ) -> None:
         interruption = None
         live = self.live
@@ -173,21 +175,8 @@ class Session:
             progress.show(case.name, "measuring the recorded path")
             if live is not None:
                 live.begin(case)
-
-            def tell(name: str, iterate: Iterate) -> None:
-                progress.iterate(iterate)
-                if live is not None:
-                    live.iterate(name, iterate)
-
             try:
-                run = run_case(
-                    case,
-                    self.methods,
-                    on_iterate=tell,
-                    on_start=lambda name: progress.show(f"{case.name} {name}", "starting"),
-                    seed=self.seed,
-                    solve=solver,
-                )
+                run = self._run_methods(case, solver, progress)
             except Interrupted as interrupted:
                 run, interruption = interrupted.run, interrupted
         if run.methods:
@@ -199,6 +188,26 @@ class Session:
             live.end()
         if interruption is not None:
             raise interruption
+
+    def _run_methods(self, case: Case, solver: SolveEach, progress: Progress) -> Run:
+        """Run the methods, each with its line of progress. Raises Interrupted."""
+
+        def line(name: str) -> str:
+            return f"{case.name} {name}"
+
+        def start(name: str) -> None:
+            progress.end(case.name)
+            progress.begin(line(name), "starting")
+
+        def tell(name: str, iterate: Iterate) -> None:
+            progress.iterate(line(name), iterate)
+            if self.live is not None:
+                self.live.iterate(name, iterate)
+
+        def end(method: MethodRun) -> None:
+            progress.end(line(method.name))
+
+        return run_case(case, self.methods, on_iterate=tell, on_start=start, on_end=end, seed=self.seed, solve=solver)
 
     def _finish_case(self, run: Run, names: Names, entry: LogEntry, position: str) -> None:
         """Write the files of a run and show its table, also when a file fails."""
@@ -243,9 +252,18 @@ class Session:
             entry.error = f"{entry.log}: internal error, {type(error).__name__}: {' '.join(str(error).split())}"
             self.voice.error(entry.error + ("" if self.voice.common.verbose else " (--verbose shows where)"))
 
-    def _solver(self) -> AbstractContextManager[Solve]:
-        """What runs the methods: a process of its own, where the system has such."""
-        return Worker(self.limits) if can_isolate() else nullcontext(partial(solve, time_limit=self.limits.time_s))
+    def _solver(self) -> AbstractContextManager[SolveEach]:
+        """What runs the methods: processes of their own, where the system has such."""
+        if not can_isolate():
+            return nullcontext(partial(solve_in_turn, time_limit=self.limits.time_s))
+        return Workers(self.limits, min(self.jobs, usable_cores()), self._meanwhile)
+
+    def _meanwhile(self) -> None:
+        """While the methods run, load what writes the recording."""
+        if self.recording:
+            from replay.recording import prepare
+
+            prepare()
 
     def _progress(self, position: str) -> Progress:
         return Progress(self.voice.people, enabled=self.voice.wants_progress, prefix=position)

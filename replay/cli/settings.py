@@ -31,6 +31,7 @@ READ: Final = "reading"
 Layer = Mapping[str, Mapping[str, Any]]
 LEAST_MEMORY: Final = 512
 """Memory below which loading the kernels alone may fail [MiB]."""
+MOST_JOBS: Final = 1024
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,13 +49,17 @@ class RunOptions:
     """Time that each method has for a case [s], compiling not counted; then its best iterate so far that passes the
     audit is its result. No limit by default."""
     memory_limit: int = 4096
-    """Memory that the process of the methods may use [MiB]; a method that needs more fails."""
+    """Memory that the process of a method may use [MiB]; a method that needs more fails."""
+    jobs: int = 2
+    """Methods of a case that run at the same time; no more than this computer has cores."""
 
     def __post_init__(self) -> None:
         if not self.time_limit > 0.0:
             raise ValueError(f"--time-limit is {self.time_limit:g}, expected more than 0 s")
         if self.memory_limit < LEAST_MEMORY:
             raise ValueError(f"--memory-limit is {self.memory_limit}, expected {LEAST_MEMORY} MiB or more")
+        if not 1 <= self.jobs <= MOST_JOBS:
+            raise ValueError(f"--jobs is {self.jobs}, expected 1 to {MOST_JOBS}")
 
     @property
     def limits(self) -> Limits:

@@ -28,7 +28,16 @@ if TYPE_CHECKING:
     from replay.run import Run
     from replay.style import Style
 
-__all__ = ["write_recording"]
+__all__ = ["prepare", "write_recording"]
+
+
+def prepare() -> None:
+    """Load what writes recordings ahead of the first one; that takes a second."""
+    import rerun as rr
+
+    import replay.recording.writing  # noqa: F401 - with all that it imports
+
+    rr.Transform3D(mat3x3=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])  # pyarrow loads pandas, if it is there
 
 
 def write_recording(run: "Run", path: pathlib.Path, looks: "Mapping[str, Style] | None" = None) -> None:

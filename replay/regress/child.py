@@ -27,14 +27,14 @@ def main() -> None:
 
 def _serve(pipe: Connection, time_limit: float, memory_limit: int) -> None:
     from replay.regress.work import work
-    from replay.worker import Limits, Worker, limit_memory
+    from replay.worker import Limits, Workers, limit_memory
 
     limit_memory(memory_limit)
-    with Worker(Limits(time_s=time_limit, memory_mib=memory_limit)) as worker:
+    with Workers(Limits(time_s=time_limit, memory_mib=memory_limit)) as workers:
         pipe.send(("ready", None))
         while True:
             job = pickle.loads(pipe.recv_bytes())
-            pipe.send(("done", work(job, worker, lambda stage: pipe.send(("at", stage)))))
+            pipe.send(("done", work(job, workers, lambda stage: pipe.send(("at", stage)))))
 
 
 def _end_with_parent(lifeline: int) -> None:

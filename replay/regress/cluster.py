@@ -21,6 +21,9 @@ from replay.regress.slot import Slot
 from replay.regress.work import Job, Outcome, publish_error
 
 CLUSTER_ERROR = "E_CLUSTER"
+"""The cluster failed during a run."""
+SCHEDULER_ERROR = "E_SCHEDULER"
+"""There is no cluster to begin with."""
 OUTSTANDING = 4
 """Tasks for each thread of the cluster that are submitted at a time."""
 _CONNECT_S = 15
@@ -28,7 +31,7 @@ _WORKERS_S = 60
 
 
 def check_address(address: str) -> None:
-    """ReplayError (E_CLUSTER), one line, unless a scheduler's address is of this machine alone, or of TLS.
+    """ReplayError (E_SCHEDULER), one line, unless a scheduler's address is of this machine alone, or of TLS.
 
     Who can connect to a scheduler can run code there and on every worker, and plain TCP does not ask who it is.
     """
@@ -39,7 +42,7 @@ def check_address(address: str) -> None:
         return
     expected = "expected tcp://127.0.0.1:PORT (this machine alone) or tls://HOST:PORT"
     why = "; plain TCP lets everybody who can connect run code" if scheme == "tcp" and host else ""
-    raise ReplayError(CLUSTER_ERROR, f"--scheduler {address}: {expected}{why}")
+    raise ReplayError(SCHEDULER_ERROR, f"--scheduler {address}: {expected}{why}")
 
 
 def _parts(address: str) -> tuple[str, str]:
@@ -60,7 +63,8 @@ def _is_loopback(host: str) -> bool:
 def run_on_cluster(jobs: Iterable[Job], address: str) -> Generator[Outcome]:
     """Do jobs on the workers of a scheduler; outcomes come as they come.
 
-    Raises ReplayError (E_CLUSTER) where the address is refused, nobody answers there, or the scheduler goes away.
+    Raises ReplayError where the address is refused or nobody answers there (E_SCHEDULER), or the scheduler goes away
+    (E_CLUSTER).
     """
     check_address(address)
     distributed = _distributed()
@@ -105,19 +109,37 @@ def _outcome(future: Any, job: Job) -> Outcome:
 
 def _connected(distributed: Any, address: str) -> Any:
     """A client, once there is a worker."""
-    tls = address.startswith("tls:")
-    security = distributed.Security(require_encryption=True) if tls else None
+    security = _security(distributed, address) if address.startswith("tls:") else None
     try:
         client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False, security=security)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         words = " ".join(str(error).split())
-        raise ReplayError(CLUSTER_ERROR, f"--scheduler {address}: no connection: {words}") from error
+        raise ReplayError(SCHEDULER_ERROR, f"--scheduler {address}: no connection: {words}") from error
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
     except TimeoutError as error:
         client.close()
-        raise ReplayError(CLUSTER_ERROR, f"--scheduler {address}: no worker came in {_WORKERS_S} s") from error
+        raise ReplayError(SCHEDULER_ERROR, f"--scheduler {address}: no worker came in {_WORKERS_S} s") from error
     return client
+
+
+def _security(distributed: Any, address: str) -> Any:
+    """What this client shows a scheduler that speaks TLS, from Dask's configuration."""
+    security = distributed.Security(require_encryption=True)
+    names = ("ca-file", "client.cert", "client.key")
+    missing = [
+        f"distributed.comm.tls.{name}"
+        for name in names
+        if not getattr(security, "tls_" + name.replace("-", "_").replace(".", "_"))
+    ]
+    try:
+        if not missing:
+            security.get_connection_args("client")
+            return security
+        reason = f"Dask's configuration has no {', '.join(missing)}"
+    except (OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+    raise ReplayError(SCHEDULER_ERROR, f"--scheduler {address}: no certificate to show: {reason}")
 
 
 def _distributed() -> Any:
@@ -125,7 +147,7 @@ def _distributed() -> Any:
         import distributed
     except ImportError as error:
         hint = "pip install 'truck-trailer-replay[cluster]'"
-        raise ReplayError(CLUSTER_ERROR, f"--scheduler needs the extra cluster: {hint}") from error
+        raise ReplayError(SCHEDULER_ERROR, f"--scheduler needs the extra cluster: {hint}") from error
     return distributed
 
 

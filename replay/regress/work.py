@@ -17,7 +17,7 @@ from replay.regress.reports.reading import LOG_SCHEMA
 from replay.regress.settings import Settings
 from replay.regress.store import Store, file_stem
 from replay.run import MethodRun, Run, run_case
-from replay.solving import Solve
+from replay.solving import SolveEach
 
 Tell = Callable[[str], None]
 
@@ -47,7 +47,7 @@ class Outcome:
     """same, worse, crashed, or unread; skipped where its document was there already."""
 
 
-def work(job: Job, solve: Solve, tell: Tell) -> Outcome:
+def work(job: Job, solve: SolveEach, tell: Tell) -> Outcome:
     """Do a job; `tell` hears of each stage. What a log or a method does wrong ends in the document."""
     store = Store(job.folder)
     if store.file(job.log.name).exists():
@@ -86,7 +86,7 @@ def _published(job: Job, document: Mapping[str, Any], state: str) -> Outcome:
     return Outcome(name=job.log.name, state=state if published else "skipped")
 
 
-def _worked(job: Job, solve: Solve, tell: Tell) -> tuple[dict[str, Any], list[Run]]:
+def _worked(job: Job, solve: SolveEach, tell: Tell) -> tuple[dict[str, Any], list[Run]]:
     tell("reading")
     runs = []
     for number, case in enumerate(read_cases(local_file(job.log.path), job.settings.read)):

@@ -14,14 +14,14 @@ limited as the vehicle's are; what was reached is what counts, not what was aske
 import math
 
 import numpy as np
-from numba import njit
 
+from optim.kernel import kernel
 from optim.sweep import first_violation_kernel
 from optim.vehicle import rk4
 from tools.planners.lookup import metric
 
 
-@njit(cache=True)
+@kernel
 def steering(state, gear, line, law, kinematics):
     """The steering angle that the law asks for [rad], within its limit.
 
@@ -54,7 +54,7 @@ def steering(state, gear, line, law, kinematics):
     return min(max(math.atan(l * (kappa + l_t * sigma / q) / math.sqrt(q)), -law[3]), law[3])
 
 
-@njit(cache=True)
+@kernel
 def drive(start, phi0, is_free, gear, line, length, step, law, limits, kinematics, s, states, phi):
     """Fill s, states and phi with a closed-loop drive; returns the number of samples before it ends.
 
@@ -89,7 +89,7 @@ def drive(start, phi0, is_free, gear, line, length, step, law, limits, kinematic
     return count + 1
 
 
-@njit(cache=True)
+@kernel
 def free_samples(count, s, states, phi, world):
     """How many of the first `count` samples are clear of obstacles, between samples too."""
     scene, footprints, motion, margin = world
@@ -97,7 +97,7 @@ def free_samples(count, s, states, phi, world):
     return count if hit < 0 else hit + 1
 
 
-@njit(cache=True)
+@kernel
 def distances(nodes, count, sample, is_from, values, cell, bend, cost_weight):
     """The table's distance of each node from or to a sample (flat x, y, theta, kappa), and the way to the node.
 

@@ -23,10 +23,10 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 import optim.steering
 from optim.arrays import Array, frozen
+from optim.kernel import kernel
 from optim.steering.bezier import plan_bezier
 from optim.steering.flat import Flat, limits
 from optim.steering.turns import plan_turns
@@ -135,7 +135,7 @@ def _key(vehicle: Vehicle, half: int) -> str:
     return digest.hexdigest()[:20]
 
 
-@njit(cache=True)
+@kernel
 def forward_length(values, cell, bend, x0, y0, theta0, kappa0, x1, y1, theta1, kappa1):
     """The table's length from one flat state to another, forward."""
     half, headings = values.shape[3] - 1, values.shape[4]
@@ -167,7 +167,7 @@ def forward_length(values, cell, bend, x0, y0, theta0, kappa0, x1, y1, theta1, k
     return values[a + 1, b + 1, near_i, near_j, near_k] + beyond
 
 
-@njit(cache=True)
+@kernel
 def metric(values, cell, bend, x0, y0, theta0, kappa0, x1, y1, theta1, kappa1):
     """The shorter of both gears, or a guess where the table knows none."""
     there = forward_length(values, cell, bend, x0, y0, theta0, kappa0, x1, y1, theta1, kappa1)

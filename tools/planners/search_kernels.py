@@ -11,8 +11,8 @@ primitive that led to it (0 for the root), number of its target. The heap is a b
 import math
 
 import numpy as np
-from numba import njit
 
+from optim.kernel import kernel
 from optim.sweep import first_violation_kernel
 from optim.vehicle import rk4
 from tools.planners.lookup import metric
@@ -21,7 +21,7 @@ STEP = 0.1
 """Samples of a primitive are so far apart [m]: what the audit asks for."""
 
 
-@njit(cache=True)
+@kernel
 def primitive(node, gear, phi0, target, length, rate, kinematics, s, states, phi):
     """Fill s, states and phi (n samples) of a primitive from node's state; n - 1 steps of equal length."""
     states[0, 0], states[0, 1], states[0, 2], states[0, 3] = node[0], node[1], node[2], node[3]
@@ -39,7 +39,7 @@ def primitive(node, gear, phi0, target, length, rate, kinematics, s, states, phi
         states[i + 1, 0], states[i + 1, 1], states[i + 1, 2], states[i + 1, 3] = x, y, theta, alpha
 
 
-@njit(cache=True)
+@kernel
 def push(heap, size, key, node):
     """Add to the heap of `size` entries, rows (key, node)."""
     i = size
@@ -53,7 +53,7 @@ def push(heap, size, key, node):
     return size + 1
 
 
-@njit(cache=True)
+@kernel
 def pop(heap, size):
     """Take the least entry: (node, size left). Equal keys: the older node first."""
     node = int(heap[0, 1])
@@ -75,7 +75,7 @@ def pop(heap, size):
     return node, size
 
 
-@njit(cache=True)
+@kernel
 def cell_of(x, y, theta, alpha, gear, frame):
     """Number of the cell of a state; frame: x0, y0, size [m], size in heading, size in hitch angle [rad]."""
     i = int((x - frame[0]) / frame[2])
@@ -86,7 +86,7 @@ def cell_of(x, y, theta, alpha, gear, frame):
     return (((np.int64(i) * 65536 + j) * 1024 + k) * 128 + a) * 2 + (1 if gear > 0 else 0)
 
 
-@njit(cache=True)
+@kernel
 def slot_of(keys, key):
     """Index of a key in an open-addressed table of 2^n places, or of the empty place (-1) for it."""
     mask = keys.size - 1
@@ -96,7 +96,7 @@ def slot_of(keys, key):
     return i
 
 
-@njit(cache=True)
+@kernel
 def around_obstacles(field, frame, x, y):
     """Distance round the obstacles to the goal from the field on a grid; frame: x0, y0, size. inf off the grid."""
     i, j = int((x - frame[0]) / frame[2]), int((y - frame[1]) / frame[2])
@@ -105,7 +105,7 @@ def around_obstacles(field, frame, x, y):
     return field[i, j]
 
 
-@njit(cache=True)
+@kernel
 def heuristic(x, y, theta, alpha, goal, l_t, field, field_frame, values, cell, bend):
     """The larger of the way round obstacles and the look-up table's length, to goal (flat x, y, theta, kappa)."""
     heading = theta + alpha
@@ -116,7 +116,7 @@ def heuristic(x, y, theta, alpha, goal, l_t, field, field_frame, values, cell, b
     return max(around_obstacles(field, field_frame, x, y), table)
 
 
-@njit(cache=True)
+@kernel
 def expand(count, sizes, nodes, links, heap, keys, best, world, limits, costs, targets, lengths, frame, goal, guide):
     """Pop and expand up to `count` nodes; returns the expanded ones' numbers, -1 where the heap ran empty.
 
