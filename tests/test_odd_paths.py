@@ -100,6 +100,17 @@ def test_a_path_of_steps_of_millimetres_is_read(read: Read) -> None:
     assert case.problem.recorded.length == pytest.approx(3.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("back", [0.006, 0.019])
+@pytest.mark.parametrize("times", [1, 3, 20])
+def test_rocking_at_standstill_is_no_motion(read: Read, back: float, times: int) -> None:
+    poses = straight(6.0, 0.25)
+    rocking = np.repeat(poses[9:10], 2 * times, axis=0)
+    rocking[::2, 0] -= back
+    (case,) = read(make.log_of(np.concatenate([poses[:10], rocking, poses[10:]])))
+    assert case.problem.recorded.length == pytest.approx(6.0, abs=1e-6)
+    assert case.read.max_deviation_m <= back
+
+
 def test_a_path_that_rocks_back_by_a_step_ends_at_its_last_pose(read: Read) -> None:
     poses = straight(3.0, 0.25)
     rocked = np.concatenate([poses, poses[-1:] + [0.005 + 4e-7, 0.0, 0.0], poses[-1:]])

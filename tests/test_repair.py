@@ -8,6 +8,8 @@ from optim.arrays import Array
 from optim.problem import path_clearance
 from optim.scene import Scene, make_scene
 from optim.vehicle import Vehicle, roll_out
+from replay.logs.checks import check_fit
+from replay.logs.planar import Refusal
 from replay.logs.poses import RecordedPoses, recorded_poses
 from replay.logs.repair import repaired
 
@@ -113,6 +115,15 @@ def test_the_expected_error_of_the_last_hitch_angle_is_that_of_many_noisy_logs()
     errors = [fit.path.goal[3] - states[-1, 3] for fit in fits]
     expected = np.mean([fit.goal_hitch_sigma for fit in fits])
     assert 0.4 * expected < np.std(errors) < 2.0 * expected
+
+
+def test_poses_through_which_no_fit_can_be_made_are_refused() -> None:
+    poses = make.drive()[0][:30]
+    poses[28, 2] += 1.8597760627112647  # lengths beside it shrink until they vanish against the way
+    vehicle = Vehicle(wheelbase=6.68296200347444, hitch_to_axle=0.0780723004756614, truck_front=7.0)
+    recorded = recorded_poses(poses, 1)
+    with pytest.raises(Refusal, match="no drivable path was found near its poses"):
+        check_fit(recorded, repaired(vehicle, FAR, recorded, None, -0.5827331002757071)[0])
 
 
 def test_a_logged_trailer_pins_the_hitch_angle() -> None:

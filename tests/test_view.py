@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import shlex
 import shutil
 import signal
 import subprocess
@@ -84,6 +85,27 @@ def test_the_command_serves_until_ctrl_c_and_ends_at_once(folder):
     assert process.returncode == 130
     assert "Traceback" not in err
     assert len(document["recordings"]) == 2
+
+
+def test_every_recording_has_a_command_on_one_line_that_opens_it(folder):
+    program = "import sys; from replay.cli import main; sys.exit(main(['view', sys.argv[1]]))"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, str(folder)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout is not None
+        lines = []
+        while not lines or "the table of all" not in lines[-1]:
+            lines.append(process.stdout.readline())
+            assert lines[-1], process.communicate()[1]
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=10)
+    finally:
+        process.kill()
+    commands = [shlex.split(line, comments=True) for line in lines if line.startswith("rerun ")]
+    assert len(commands) == 3
+    for _, url in commands[:-1]:
+        assert urllib.parse.urlsplit(url.partition("+")[2]).query.startswith("segment_id=")
 
 
 def test_without_the_extra_one_line_names_it(folder):

@@ -1,6 +1,7 @@
 """`replay view`: the recordings of a run as one dataset, served to viewers on this machine."""
 
 import pathlib
+import shlex
 import threading
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -45,7 +46,7 @@ def view(
         for line in dataset.skipped:
             voice.error(f"left out: {line}")
         voice.show(_table(dataset))
-        voice.show(f"Open the table:  rerun {dataset.url}")
+        voice.show(*_links(dataset))
         voice.document(_document(dataset))
         voice.note("serving; Ctrl-C ends it")
         threading.Event().wait()
@@ -70,14 +71,19 @@ def _table(dataset: "Dataset") -> Table:
     table = Table(box=None, pad_edge=False)
     for heading, justify in (("recording", "left"), ("status", "left"), ("best", "left"), ("J", "right")):
         table.add_column(heading, justify=justify, no_wrap=True)  # type: ignore[arg-type]
-    table.add_column("link", overflow="fold")
     for entry in dataset.entries:
         found = entry.properties
         before, after = found.get("objective_before"), found.get("objective_after")
         cost = f"{before:.2f} → {after:.2f}" if before is not None and after is not None else ""
         words = (entry.name, found.get("status") or "", found.get("best_method") or "")
-        table.add_row(*(printable(word, 60) for word in words), cost, printable(entry.url, 400))
+        table.add_row(*(printable(word, 60) for word in words), cost)
     return table
+
+
+def _links(dataset: "Dataset") -> list[str]:
+    """Commands that open the recordings: lines to copy, which a table would fold."""
+    lines = [f"rerun {shlex.quote(entry.url)}  # {entry.name}" for entry in dataset.entries]
+    return ["", *lines, f"rerun {shlex.quote(dataset.url)}  # the table of all"]
 
 
 def _document(dataset: "Dataset") -> dict[str, Any]:

@@ -278,7 +278,9 @@ def _gears(poses: Array) -> tuple[IntArray, int]:
 
 def _thinned(poses: Array, direction: IntArray) -> IntArray:
     """Rows to keep so that few are nearer than `THINNED_TO`; the ends and every change of gear are among them."""
-    s = _travel(poses)
+    length, angle = _motion(poses)
+    # less where it goes against the gear, as jitter at standstill does: such a row would lie behind the one before
+    s = np.concatenate([[0.0], np.cumsum(np.where(np.abs(angle) <= np.pi / 2.0, length, -length) * direction)])
     edges = np.flatnonzero(np.diff(direction)) + 1
     rows = [0]
     for end in (*edges.tolist(), len(poses) - 1):

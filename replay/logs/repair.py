@@ -5,6 +5,7 @@ it breaks a limit of the vehicle or overlaps an obstacle and another path, as ne
 does not, that one is taken. Where none is, the path is left where the poses are, and the checks tell.
 """
 
+import contextlib
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +41,8 @@ def repaired(
     """
     task = _Task(vehicle, scene, recorded, alpha, initial_hitch)
     first = task.fit()
+    if first is None:
+        raise Refusal("E_KINEMATICS", "no drivable path was found near its poses")
     notes: list[str] = []
     goal_hitch = None
     if alpha is None and task.overlap(first) > 0.0 and first.goal_hitch_sigma > _SURE_HITCH:
@@ -64,24 +67,22 @@ class _Task(NamedTuple):
         goal_hitch: float | None = None,
         start: Fit | None = None,
         options: FitOptions | None = None,
-    ) -> Fit:
-        """Raises Refusal (E_KINEMATICS)."""
-        try:
-            with np.errstate(all="ignore"):
-                return fit_path(
-                    self.vehicle,
-                    self.recorded.poses,
-                    self.recorded.direction,
-                    self.alpha,
-                    self.initial_hitch,
-                    options,
-                    sigma=self.recorded.sigma,
-                    bounds=bounds,
-                    goal_hitch=goal_hitch,
-                    start=start,
-                )
-        except (ValueError, ArithmeticError, RuntimeError) as error:  # singular systems, values out of any range
-            raise Refusal("E_KINEMATICS", f"no drivable path was found near its poses ({error})") from None
+    ) -> Fit | None:
+        """The nearest path that the fit finds; None where its systems are singular, or values leave every range."""
+        with contextlib.suppress(ValueError, ArithmeticError, RuntimeError), np.errstate(all="ignore"):
+            return fit_path(
+                self.vehicle,
+                self.recorded.poses,
+                self.recorded.direction,
+                self.alpha,
+                self.initial_hitch,
+                options,
+                sigma=self.recorded.sigma,
+                bounds=bounds,
+                goal_hitch=goal_hitch,
+                start=start,
+            )
+        return None
 
     def overlap(self, fit: Fit) -> float:
         """By how much a path overlaps obstacles [m]; negative: by how much it is clear of them."""
@@ -95,22 +96,18 @@ class _Task(NamedTuple):
         options: FitOptions | None = None,
     ) -> Fit | None:
         """Another fit, begun with the first; None where there is none as near to the poses within their noise."""
-        try:
-            fit = self.fit(bounds, goal_hitch, first, options)
-        except Refusal:
-            return None
-        return fit if self._is_near(fit, first) else None
+        fit = self.fit(bounds, goal_hitch, first, options)
+        return fit if fit is not None and self._is_near(fit, first) else None
 
     def _is_near(self, fit: Fit, first: Fit) -> bool:
         """Whether a fit is drivable and as near to the poses as the first, within their noise."""
-        if fit.defect > LARGEST_DEFECT:
-            return False
-        if first.defect > LARGEST_DEFECT:  # the first is no path
-            return True
         noise = self.recorded.noise
         aside, turned = GIVEN_WAY + _DEVIATIONS * noise.position, _TURNED_AWAY + _DEVIATIONS * noise.heading
+        if first.defect > LARGEST_DEFECT:  # it is no path: any is better
+            aside = turned = np.inf
         return bool(
-            fit.position_error.max() <= first.position_error.max() + aside
+            fit.defect <= LARGEST_DEFECT
+            and fit.position_error.max() <= first.position_error.max() + aside
             and fit.heading_error.max() <= first.heading_error.max() + turned
             and (self.alpha is None or fit.hitch_error.max() <= first.hitch_error.max() + turned)
         )

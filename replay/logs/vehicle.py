@@ -22,7 +22,9 @@ def vehicle_of(metadata: Sequence[Metadata]) -> tuple[Vehicle, list[str]]:
     """The vehicle that the log names, else the default truck; and notes. Raises Refusal (E_VEHICLE)."""
     record = _only(metadata, "vehicle", "E_VEHICLE")
     if record is None:
-        return Vehicle(), ["the log names no vehicle (metadata record 'vehicle'); the default truck is used"]
+        return Vehicle(), [
+            "the log names no vehicle (metadata record 'vehicle'); the default truck is used (--vehicle names another)"
+        ]
     fields = {field.name for field in dataclasses.fields(Vehicle)}
     values = {key: _number(key, text) for key, text in record.values.items() if key in fields}
     missing = [name for name in REQUIRED if name not in values]

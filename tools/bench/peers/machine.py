@@ -7,7 +7,7 @@ import platform
 import time
 
 OURS = ("numpy", "scipy", "numba", "casadi", "cvxpy", "clarabel")
-PEERS = ("shapely", "python-fcl", "coal", "crocoddyl", "pycddp")
+PEERS = ("shapely", "python-fcl", "coal", "crocoddyl", "pycddp", "openscvx")
 
 LIMITS = """\
 ## What this comparison does not show
@@ -25,8 +25,11 @@ LIMITS = """\
   turns their paths down, not the formulation.
 - OMPL's path simplifier (2.0.1) is missing since its Python package cannot take the state space of a truck with
   trailer: `StateSpace` cannot be derived from there ("no constructor defined"), and `distance` and `interpolate` of a
-  class derived from `RealVectorStateSpace` are not called by the library. OpenSCvx (0.5.2) is missing since its
-  statement of gear segments and rectangles has not been written; it would have to compile with JAX for every log."""
+  class derived from `RealVectorStateSpace` are not called by the library.
+- OpenSCvx states all of it in one problem, gear changes included, but only with functions of one's own in JAX. As it
+  comes, the cost of its sub-problem is linear, states at the ends and a proximal term: with J as such a state it is a
+  method of first order. It gives constraints at nodes the number 0 for every node, so that the required clearance
+  cannot differ from node to node, and what is missing between nodes cannot be asked for anew."""
 
 
 def head(rows: pathlib.Path) -> str:

@@ -6,6 +6,7 @@ then falls on all of them.
 """
 
 import dataclasses
+import importlib.util
 import json
 import pathlib
 from typing import Any
@@ -17,7 +18,7 @@ from optim.problem import Problem
 from optim.scp.statement import statement
 from replay.files import atomic_write
 from replay.logs import read_cases
-from tools.bench.peers import dolgov, hyperplane, obca
+from tools.bench.peers import dolgov, hyperplane, obca, openscvx_peer
 from tools.bench.peers.common import Answer, Contender, Verdict, measure
 
 Row = dict[str, Any]
@@ -40,6 +41,7 @@ def ours(name: str) -> Contender:
 
 
 def contenders() -> dict[str, Contender]:
+    """All by name, without the peers that are not installed."""
     return {
         "scp": ours("scp"),
         "ddp": ours("ddp"),
@@ -48,6 +50,7 @@ def contenders() -> dict[str, Contender]:
         "hyperplanes, all pairs, IPOPT": hyperplane.solve_ipopt,
         "hyperplanes within 3 m, IPOPT": hyperplane.solve_near,
         "hyperplanes within 3 m, fatrop": hyperplane.solve_fatrop,
+        **({"OpenSCvx": openscvx_peer.solve} if importlib.util.find_spec("openscvx") else {}),
         "cpo": ours("cpo"),
         "Dolgov's smoother, CG": dolgov.solve,
     }
