@@ -215,8 +215,8 @@ class Workers:
             while busy:
                 solved = _step(busy)
                 free += [busy.pop(name) for name in solved]
+                yield from solved.items()  # first, so that no interruption loses them
                 give_out()
-                yield from solved.items()
         except BaseException:
             for worker in self._workers:
                 worker.end()

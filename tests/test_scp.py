@@ -75,8 +75,8 @@ def test_the_objective_that_is_compiled_has_no_parameters_so_that_long_paths_fit
 def test_the_step_and_its_multipliers_are_those_of_cvxpys_own_way_to_the_solver():
     problem = random_problem(2)
     near, scales, limits, penalty = _near(problem)
-    step = solve_subproblem(problem.vehicle, near, scales, limits, penalty, 0.5, "clarabel")
-    other = solve_subproblem(problem.vehicle, near, scales, limits, penalty, 0.5, "osqp")
+    step = solve_subproblem(problem.vehicle, near, scales, limits, penalty, 0.5, "clarabel", 60.0)
+    other = solve_subproblem(problem.vehicle, near, scales, limits, penalty, 0.5, "osqp", 60.0)
     assert step.status == "optimal"
     assert step.reach <= 0.5 + 1e-6
     assert other.status == "optimal"

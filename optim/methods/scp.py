@@ -6,6 +6,7 @@ stated in cvxpy and solved by Clarabel. See `optim.scp.statement` for it, `optim
 `optim.methods.rounds` for what is done about clearance between knots and needless gear changes.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -37,8 +38,9 @@ class Scp:
     """Segments of the converged path whose removal is tried, shortest first."""
     solver: Literal["clarabel", "piqp", "qoco", "osqp"] = "clarabel"
     """Solver of the sub-problems; others than Clarabel must be installed (pip install piqp qoco osqp)."""
-    time_limit: float = 60.0
-    """Processor time for solving sub-problems, all together [s]."""
+    time_limit: float = math.inf
+    """Time in the solver by its own account, all sub-problems together [s]. No limit by default: it would make the
+    path depend on what else the machine does."""
 
     def __post_init__(self) -> None:
         expected = {

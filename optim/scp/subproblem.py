@@ -81,12 +81,13 @@ def solve_subproblem(
     penalty: Penalty,
     radius: float,
     solver: str,
+    time_limit: float,
 ) -> Step:
     """The step that minimises the convex model within the trust region."""
     stated = statement(bucket(len(near.knots.phi)))
     values = parameter_values(stated.num_knots, vehicle, near, scales, limits, penalty, radius)
     if solver == "clarabel":
-        return _solve_clarabel(stated, values, len(near.knots.phi))
+        return _solve_clarabel(stated, values, len(near.knots.phi), time_limit)
     return _solve_cvxpy(stated, values, len(near.knots.phi), solver)
 
 
@@ -198,7 +199,7 @@ def _fill_rows(values: dict[str, Array], near: Linearisation, scales: Scales, li
         values[f"room{body}"][at] = room[order][mine]
 
 
-def _solve_clarabel(stated: Statement, values: dict[str, Array], count: int) -> Step:
+def _solve_clarabel(stated: Statement, values: dict[str, Array], count: int, time_limit: float) -> Step:
     """Solve with Clarabel itself on the data of cvxpy's compiled problem, vacuous rows left out.
 
     cvxpy's own way to Clarabel keeps these rows and unpacks every variable and multiplier.
@@ -216,6 +217,7 @@ def _solve_clarabel(stated: Statement, values: dict[str, Array], count: int) -> 
     settings.verbose = False
     settings.max_threads = 1
     settings.presolve_enable = False
+    settings.time_limit = time_limit
     cones = [solver.ZeroConeT(equalities), solver.NonnegativeConeT(len(keep) - equalities)]
     upper = sparse.csc_matrix(sparse.triu(data.P))
     solution = solver.DefaultSolver(upper, data.q, matrix, data.b[keep], cones, settings).solve()

@@ -79,7 +79,8 @@ class Settings:
 
     def to_dict(self) -> dict[str, Any]:
         """What a results file holds of them beside the methods' options and the weights; see `layer_of_results`."""
-        return {"reading": dataclasses.asdict(self.read), "limits": dataclasses.asdict(self.run.limits)}
+        limits = {"time_s": self.run.limits.time_s, "memory_mib": self.run.limits.memory_mib}
+        return {"reading": dataclasses.asdict(self.read), "limits": limits}
 
 
 @cache
