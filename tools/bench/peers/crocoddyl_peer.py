@@ -181,8 +181,8 @@ class _Compiled:
 def _idle(model: TruckModel) -> IntArray:
     """1 where a stage drives, and has one control: the second is idle and costs half its square. Shape (N,).
 
-    With one control alone, BoxFDDP gives up as soon as that one is at a bound; with an idle one held by narrow bounds,
-    its box QPs take several times as long.
+    With one control alone, BoxFDDP was seen to end rounds early (0.33 above the optimum on bay_02); with an idle one
+    held by narrow bounds, its box QPs take several times as long.
     """
     return (model.stages.gear != 0.0).astype(np.int64)
 

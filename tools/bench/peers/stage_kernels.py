@@ -85,25 +85,27 @@ def stage_slopes(st, scene, footprints, rows, lagrangian, e, steer, states, k, w
 
 @njit(cache=True)
 def _change_control(e, k, stages, x, w, reach, bend, fz, lz, lzz):
-    """From the next steering angle to w: d(phi+) = dphi + w reach dL + reach L dw, and the curvature of that."""
-    change = np.eye(_SIZE)
+    """From the next steering angle to w: d(phi+) = dphi + w reach dL + reach L dw, and the curvature of that.
+
+    All else stays: the change of variables is one row `d` in the place of the unit row of phi+.
+    """
+    d = np.zeros(_SIZE)
     if reach > 0.0:
-        change[6, 4], change[6, 5], change[6, 6] = 1.0, w[0] * reach, reach * x[5]
+        d[4], d[5], d[6] = 1.0, w[0] * reach, reach * x[5]
+    else:
+        d[6] = 1.0
+    at = e.lzz[k]
     for i in range(_SIZE):
-        lz[i] = 0.0
-        for a in range(_SIZE):
-            lz[i] += change[a, i] * e.lz[k, a]
-        for j in range(_SIZE):
-            total = 0.0
-            for a in range(_SIZE):
-                for b in range(_SIZE):
-                    total += change[a, i] * e.lzz[k, max(a, b), min(a, b)] * change[b, j]
-            lzz[i, j] = total
+        own = 0.0 if i == 6 else 1.0
+        lz[i] = own * e.lz[k, i] + d[i] * e.lz[k, 6]
+        for j in range(i + 1):
+            other = 0.0 if j == 6 else 1.0
+            value = own * other * at[i, j] + own * at[max(i, 6), min(i, 6)] * d[j]
+            value += d[i] * (other * at[max(j, 6), min(j, 6)] + at[6, 6] * d[j])
+            lzz[i, j] = lzz[j, i] = value
     lzz[5, 6] += bend
     lzz[6, 5] += bend
     if k < stages:
         for o in range(STATES):
             for i in range(_SIZE):
-                fz[o, i] = 0.0
-                for a in range(_SIZE):
-                    fz[o, i] += e.fz[k, o, a] * change[a, i]
+                fz[o, i] = (0.0 if i == 6 else 1.0) * e.fz[k, o, i] + e.fz[k, o, 6] * d[i]
