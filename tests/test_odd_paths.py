@@ -113,9 +113,9 @@ def test_rocking_at_standstill_is_no_motion(read: Read, back: float, times: int)
 
 def test_a_path_that_rocks_back_by_a_step_ends_at_its_last_pose(read: Read) -> None:
     poses = straight(3.0, 0.25)
-    rocked = np.concatenate([poses, poses[-1:] + [0.005 + 4e-7, 0.0, 0.0], poses[-1:]])
+    rocked = np.concatenate([poses, poses[-1:] + [0.005 + 4e-7, 0.0, 0.0], poses[-1:] + [5e-7, 0.0, 0.0]])
     (case,) = read(make.log_of(rocked))
-    np.testing.assert_allclose(case.problem.recorded.goal[:2], poses[-1, :2], atol=1e-9)
+    np.testing.assert_allclose(case.problem.recorded.goal[:2], rocked[-1, :2], atol=1e-9)
     assert case.problem.recorded.num_cusps == 0
 
 

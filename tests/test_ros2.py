@@ -224,11 +224,11 @@ def test_a_path_whose_frames_change_all_the_time_is_read_in_linear_time() -> Non
     other = element.replace(b"aa\0", b"bb\0")
     count = 40_001
     data = one[:20] + struct.pack("<I", count) + one[24:] + (other + element) * (count // 2)
-    start = time.perf_counter()
+    start = time.process_time()
     series = FAMILIES[make.PATH].decode(data, 0)
     assert len(series.poses) == count
     assert series.frames == {"aa", "bb"}
-    assert time.perf_counter() - start < 3.0
+    assert time.process_time() - start < 3.0
 
 
 # ---- definitions
@@ -268,10 +268,10 @@ def test_comments_blanks_constants_defaults_and_short_names_do_not_matter() -> N
     ],
 )
 def test_a_definition_that_is_not_the_standard_one_is_refused_at_once(text: bytes, says: str) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(LayoutError, match=says):
         matching_layout(make.PATH, text, FAMILIES[make.PATH].standards)
-    assert time.perf_counter() - start < 1.0
+    assert time.process_time() - start < 1.0
 
 
 def test_the_difference_from_the_standard_definition_is_named() -> None:

@@ -106,9 +106,7 @@ class Maps:
         )
 
     def _markers(self, index: int) -> LogMap:
-        done, state = self._markers_then
-        if done > index:  # requests come in order of time, so that each message is applied once
-            done, state = 0, {}
+        done, state = self._markers_then  # requests come in order of time: each message is applied once
         for i in range(done, index + 1):
             apply_markers(state, self.topic.decode(i))
         self._markers_then = index + 1, state
