@@ -31,14 +31,13 @@ class Solved:
     """Time that went into compiling kernels [s]."""
 
 
-Solve = Callable[[Problem, Method, OnIterate], Solved]
-"""Run a method, telling its iterates; whatever it does wrong comes back as `Solved.error`."""
 OnStart = Callable[[str], None]
 """Hears the name of a method that begins."""
 OnNamedIterate = Callable[[str, Iterate], None]
 """Hears a method's name and its iterate."""
 SolveEach = Callable[[Problem, Mapping[str, Method], OnStart, OnNamedIterate], Generator[tuple[str, Solved]]]
-"""Run methods, each by itself, and give what came of each by its name, in the order in which they end."""
+"""Run methods, each by itself, telling their iterates; what came of each by its name, in the order in which they end.
+Whatever a method does wrong comes back as `Solved.error`."""
 
 
 class OutOfTime(BaseException):

@@ -71,34 +71,14 @@ NO_LIMITS = Limits()
 
 
 class Worker:
-    """Runs methods in a child process, one at a time; `solving.Solve`. A context manager: the child ends with it."""
+    """A child process that runs methods, one at a time; see `Workers`."""
 
-    def __init__(self, limits: Limits = NO_LIMITS) -> None:
+    def __init__(self, limits: Limits) -> None:
         self.limits = limits
         self._process: Any = None
         self._pipe: Any = None  # a Connection; with fork never a PipeConnection, which type checkers see
         self._clock = _Clock(math.inf)
         self._on_iterate: OnIterate = ignore
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.end()
-
-    def __call__(self, problem: Problem, method: Method, on_iterate: OnIterate) -> Solved:
-        """Run a method in the child; an exception of `on_iterate`, or Ctrl-C, ends the child and flies on."""
-        try:
-            self.begin(problem, method, on_iterate)
-            while True:
-                wait([self.pipe], self.left())
-                if (solved := self.step()) is not None:
-                    return solved
-        except BaseException:
-            self.end()
-            raise
 
     def begin(self, problem: Problem, method: Method, on_iterate: OnIterate) -> None:
         """Give a method to the child, which has none; `step` hears what comes of it."""

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from scenes import random_problem
 
+from optim.methods import Method
 from optim.methods.ddp import Ddp
 from optim.methods.shortcut import Shortcut
 from optim.path import Path
@@ -22,8 +23,8 @@ from optim.problem import Problem
 from optim.result import Iterate, OnIterate, Result, Stop, ignore
 from replay.case import Case, ReadReport
 from replay.run import Interrupted, MethodRun, run_case
-from replay.solving import solve
-from replay.worker import Limits, Worker, Workers
+from replay.solving import Solved, solve
+from replay.worker import Limits, Workers
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -56,6 +57,12 @@ def _case(problem: Problem) -> Case:
     read = ReadReport(poses=2, hitch="trailer path", max_deviation_m=0.0, max_deviation_rad=0.0)
     log = pathlib.Path("yard.mcap")
     return Case(name="yard/0", log=log, sha256="0" * 64, problem=problem, read=read, map=None, frame="map")
+
+
+def solved_by(workers: Workers, problem: Problem, method: Method, on_iterate: OnIterate) -> Solved:
+    """What comes of one method."""
+    ((_, solved),) = workers(problem, {"it": method}, lambda _: None, lambda _, iterate: on_iterate(iterate))
+    return solved
 
 
 def _data_mib() -> int:
@@ -138,8 +145,8 @@ def test_without_a_better_iterate_the_recorded_path_is_kept_when_time_is_up():
 def test_a_child_gives_the_same_result_bit_by_bit_and_arrays_stay_read_only():
     problem, here, there = random_problem(2), [], []
     first = solve(problem, Ddp(), here.append)
-    with Worker() as worker:
-        second = worker(problem, Ddp(), there.append)
+    with Workers() as workers:
+        second = solved_by(workers, problem, Ddp(), there.append)
     assert first.result is not None
     assert second.result is not None
     np.testing.assert_array_equal(first.result.path.samples.states, second.result.path.samples.states)
@@ -154,10 +161,11 @@ def test_an_exception_of_the_listener_ends_the_child_and_flies_on():
     def listener(_: Iterate) -> None:
         raise KeyboardInterrupt
 
-    with Worker() as worker:
+    with Workers() as workers:
         with pytest.raises(KeyboardInterrupt):
-            worker(random_problem(1), Bad(how="hangs"), listener)
-        assert worker(random_problem(1), Shortcut(tries=5), ignore).result is not None, "a new child is started"
+            solved_by(workers, random_problem(1), Bad(how="hangs"), listener)
+        again = solved_by(workers, random_problem(1), Shortcut(tries=5), ignore)
+        assert again.result is not None, "a new child is started"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -238,16 +246,16 @@ def test_the_child_ends_when_its_parent_is_killed(tmp_path):
         import os, pathlib, sys, time
         sys.path.insert(0, sys.argv[1])
         from scenes import random_problem
-        from test_worker import Bad
-        from replay.worker import Worker
+        from test_worker import Bad, solved_by
+        from replay.worker import Workers
 
         def listener(_):
             child, = pathlib.Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
             print(child, flush=True)
             time.sleep(60.0)
 
-        with Worker() as worker:
-            worker(random_problem(1), Bad(how="goes on"), listener)
+        with Workers() as workers:
+            solved_by(workers, random_problem(1), Bad(how="goes on"), listener)
     """
     folder = str(pathlib.Path(__file__).parent)
     command = [sys.executable, "-c", textwrap.dedent(script), folder]
