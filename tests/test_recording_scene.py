@@ -1,5 +1,6 @@
 """What a recording draws in the plan view besides the paths: the poses as logged, a scale, places of failed checks."""
 
+import dataclasses
 import pathlib
 
 import numpy as np
@@ -8,7 +9,9 @@ import recording_factory as factory
 from logs_maker import drive, log_of, path, read_log, shifted, yard
 from recording_reading import Contents, names_in_blueprint, written
 
+from optim.scene import make_scene
 from replay.recording import scene
+from replay.recording.picture import frame_around, swept_area
 from replay.run import Run, run_case
 
 POSES = "/scene/recorded/logged_poses"
@@ -88,3 +91,24 @@ def test_the_best_path_is_drawn_over_the_others_and_all_over_the_recorded_one(fi
     orders = {name: five_read.rows(f"/scene/{name}/path", "LineStrips2D:draw_order")[0][0] for name in names}
     assert max(orders, key=orders.__getitem__) == best.name
     assert min(orders, key=orders.__getitem__) == "recorded"
+
+
+def test_outlines_end_where_the_map_is_cut_off_so_that_none_crosses_the_legend(tmp_path: pathlib.Path) -> None:
+    run, _ = run_of_log(tmp_path, 0.0)
+    problem = run.case.problem
+    far = (
+        np.array([[-300.0, -2.0], [300.0, -2.0], [300.0, 2.0], [-300.0, 2.0]])
+        + problem.recorded.start[:2]
+        + [0.0, 25.0]
+    )
+    walls = make_scene([*problem.scene.polygons, far])
+    case = dataclasses.replace(run.case, problem=dataclasses.replace(problem, scene=walls))
+    contents = Contents(written(dataclasses.replace(run, case=case), tmp_path))
+    (strips,) = contents.rows("/scene/obstacles", "LineStrips2D:strips")
+    frame = frame_around(walls, [swept_area(problem.vehicle, problem.recorded)])
+    places = np.concatenate([np.array(strip) for strip in strips])
+    assert len(places) > 8
+    assert places[:, 0].min() >= frame.x0 - 1e-3
+    assert places[:, 0].max() <= frame.x1 + 1e-3
+    assert places[:, 1].min() >= frame.y0 - 1e-3
+    assert places[:, 1].max() <= frame.y1 + 1e-3

@@ -227,7 +227,9 @@ class Session:
         self.voice.show(verdict(run), result_table(run), *(f"wrote {name}" for name in written), "")
         compile_s = sum(method.compile_s for method in run.methods)
         if compile_s >= 1.0:
-            self.voice.note(f"{compile_s:.0f} s more went into compiling; that is kept for the next runs")
+            self.voice.note(
+                f"kernels were compiled for {compile_s:.0f} s, all methods together; they are kept for the next runs"
+            )
         for line in recorded_failures(run):
             self.voice.note(f"{run.case.name}: {line}")
         for line, method in zip(reasons(run), run.methods, strict=True):

@@ -11,6 +11,7 @@ import rerun as rr
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from optim.arrays import Array
 from optim.problem import Problem
 from optim.scene import Scene
 from optim.vehicle import body_corners
@@ -43,8 +44,18 @@ def log_ground(rec: rr.RecordingStream, case: Case, frame: Frame) -> None:
     )
     rec.log("/scene/map", placed, image(pixels, -100.0), static=True)
     outlines = rings(area) + ([closed(scene.boundary)] if scene.boundary is not None else [])
-    shown = rr.LineStrips2D(outlines, colors=[_OUTLINE], radii=points(0.75), draw_order=-50.0)
-    rec.log("/scene/obstacles", shown, static=True)
+    strips = _within(outlines, frame)
+    rec.log(
+        "/scene/obstacles",
+        rr.LineStrips2D(strips, colors=[_OUTLINE], radii=points(0.75), draw_order=-50.0),
+        static=True,
+    )
+
+
+def _within(lines: list[Array], frame: Frame) -> list[Array]:
+    """What of polylines is in the frame, as the map is: the legend lies above it. Each (n, 2)."""
+    cut = shapely.intersection(shapely.MultiLineString(lines), shapely.box(*frame))
+    return [shapely.get_coordinates(part) for part in shapely.get_parts(cut) if part.geom_type == "LineString"]
 
 
 def _drawn_pixels(scene: Scene, area: BaseGeometry, frame: Frame) -> np.ndarray:
