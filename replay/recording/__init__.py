@@ -1,7 +1,8 @@
 """A run as a Rerun recording, with its blueprint in the same file. Only this package knows Rerun.
 
 Timelines: `progress` (0 to 1000, gear changes aligned where the paths have as many; every view lives on it),
-`arc_cm` (distance driven, cm), `iteration`. Entities, with <path> = recorded or a method's name (- for a chain's +):
+`arc_cm` (distance driven, cm), `iteration` (0 for the start, then one step for each iterate a method told of).
+Entities, with <path> = recorded or a method's name (- for a chain's +):
 
     /scene/map, obstacles, ends, scale, legend                           static
     /scene/<path>/path, cusps, swept, closest, audit, rejected       static
@@ -13,7 +14,7 @@ Timelines: `progress` (0 to 1000, gear changes aligned where the paths have as m
     /gear/<path>                                                     states; on `iteration` numbers of gear changes
     /solver/<quantity>/<method>, turned_down below, level beside     scalars by iteration
     /solver/residuals_log10/<residual>/<method>                      each relative to its tolerance
-    /report/{summary,convergence,residuals,vehicle,run,audit}                  markdown
+    /report/{summary,convergence,residuals,vehicle,run,audit}     markdown
 """
 
 import pathlib

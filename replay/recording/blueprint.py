@@ -206,8 +206,8 @@ def _over_iterations(plot: Plot, legend: rrb.Corner2D | None) -> rrb.TimeSeriesV
 
 
 def _residuals(content: Content) -> rrb.Vertical:
-    """Each with its own legend: not every method has every residual. At the lower left there is seldom a curve."""
-    plots = [_over_iterations(plot, legend=rrb.Corner2D.LeftBottom) for plot in content.residuals]
+    """Each with its own legend: not every method has every residual. Residuals end low."""
+    plots = [_over_iterations(plot, legend=rrb.Corner2D.RightTop) for plot in content.residuals]
     half = len(plots) if len(plots) < 4 else (len(plots) + 1) // 2
     rows = [row for row in (plots[:half], plots[half:]) if row]
     help_line = rrb.TextDocumentView(origin="/report/residuals", name="What this shows")

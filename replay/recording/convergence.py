@@ -144,7 +144,7 @@ def log_plots(rec: rr.RecordingStream, plots: list[Plot]) -> None:
             _log_curve(rec, plot, curve)
         if plot.level is not None:
             name, value, colour, width = plot.level
-            last = max(curve.iterations[-1] for curve in plot.curves)
+            last = max(int(curve.track.steps(curve.iterations[-1:])[0]) for curve in plot.curves)
             ends = [rr.TimeColumn("iteration", sequence=[0, last]), rr.TimeColumn("progress", sequence=[0, PROGRESS])]
             path = entity(*plot.parts, "level")
             rec.send_columns(path, ends, rr.Scalars.columns(scalars=[value, value]))

@@ -4,6 +4,7 @@ The entities are those of the recording in the file (see `replay.recording`), un
 """
 
 import contextlib
+import itertools
 import uuid
 from typing import TYPE_CHECKING, Final
 
@@ -38,6 +39,7 @@ class LiveRecording:
     def __init__(self, url: str, case: Case, looks: "Mapping[str, Style]") -> None:
         run = Run(case=case, recorded_metrics={}, recorded_audit={}, methods=(), options={})
         (run, self._offset), self._looks = localised(run), looks
+        self._steps = {name: itertools.count() for name in looks}
         self._stream = rr.RecordingStream(APPLICATION, recording_id=f"{plain(case.name)} live {uuid.uuid4().hex[:12]}")
         self._stream.connect_grpc(url)
         self._stream.set_log_time_enabled(False)
@@ -65,9 +67,10 @@ class LiveRecording:
 
     def iterate(self, name: str, iterate: Iterate) -> None:
         """Show an iterate; trials that were turned down lead nowhere."""
+        step = next(self._steps[name])
         if not iterate.accepted:
             return
-        self._stream.set_time("iteration", sequence=iterate.iteration)
+        self._stream.set_time("iteration", sequence=step)
         path = moved(iterate.path, self._offset) if np.any(self._offset) else iterate.path
         line = rr.LineStrips2D.from_fields(strips=[thinned(path.samples.states[:, :2])])
         self._stream.log(entity("scene", name, "iterate"), line)

@@ -234,10 +234,8 @@ def log_iterates(rec: rr.RecordingStream, track: Track) -> None:
 def iteration_columns(numbers: list[int], track: Track) -> list[rr.TimeColumn]:
     """Iterations on their own timeline, and on `progress`, the default one, so that they play there too.
 
-    There every iterate gets the same time: most methods do most in their first iterations.
+    On both every iterate gets the same time: most methods do most in their first iterations.
     """
-    history = [int(row["iteration"]) for row in track.run.history] if track.run is not None else []
-    every = np.array(history or numbers)
-    share = np.searchsorted(every, numbers) / max(1, len(every) - 1)
-    progress = np.round(PROGRESS * np.minimum(share, 1.0)).astype(np.int64)
-    return [rr.TimeColumn("iteration", sequence=np.array(numbers)), rr.TimeColumn("progress", sequence=progress)]
+    steps = track.steps(numbers)
+    progress = np.round(PROGRESS * steps / max(1, track.last_step)).astype(np.int64)
+    return [rr.TimeColumn("iteration", sequence=steps), rr.TimeColumn("progress", sequence=progress)]

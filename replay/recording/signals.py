@@ -72,7 +72,7 @@ def log_signals(rec: rr.RecordingStream, problem: Problem, tracks: list[Track]) 
             rec.log(path, look, static=True)
             if track.is_own:
                 rec.send_columns(path, columns_of(track), rr.Scalars.columns(scalars=values))
-    last = max([1, *(track.iterates[-1].iteration for track in tracks if track.iterates)])
+    last = max([1, *(track.last_step for track in tracks)])
     _log_iterates(rec, problem, tracks, last)
     longest = max(int(track.arc_cm[-1]) for track in tracks)
     ends = {"progress": PROGRESS, "arc_cm": longest, "iteration": last}
@@ -88,9 +88,9 @@ def _log_iterates(rec: rr.RecordingStream, problem: Problem, tracks: list[Track]
     """The extremes of every iterate, and the recorded path's as a level."""
     for track in tracks:
         if track.status == "recorded":
-            numbers, rows = [0, last], [_extremes(problem, track.path)] * 2
+            numbers, rows = np.array([0, last]), [_extremes(problem, track.path)] * 2
         else:
-            numbers = [iterate.iteration for iterate in track.iterates]
+            numbers = track.steps([iterate.iteration for iterate in track.iterates])
             rows = [_extremes(problem, iterate.path) for iterate in track.iterates]
         for signal in rows[0] if rows else ():
             path, column = entity("signals", signal, track.name), [rr.TimeColumn("iteration", sequence=numbers)]
@@ -109,7 +109,8 @@ def _log_gear(rec: rr.RecordingStream, track: Track) -> None:
             rr.TimeColumn("arc_cm", sequence=track.arc_cm[track.starts]),
         ]
         rec.send_columns(path, when, rr.StateChange.columns(state=gears))
-    changes = {iterate.iteration: iterate.path.num_cusps for iterate in track.iterates}
+    steps = track.steps([iterate.iteration for iterate in track.iterates])
+    changes = {int(step): iterate.path.num_cusps for step, iterate in zip(steps, track.iterates, strict=True)}
     if track.status == "recorded":
         changes = {0: track.path.num_cusps}
     numbers = [number for k, number in enumerate(changes) if k == 0 or changes[number] != list(changes.values())[k - 1]]

@@ -137,7 +137,7 @@ def convergence_help(tracks: list[Track]) -> str:
     quiet = [cell(track.style.label) for track in tracks[1:] if not track.iterates]
     lines = [
         "Every method from the recorded path (progress 0) to its result (1000); **space** plays. On the timeline "
-        "**iteration** (bottom left), one step is one iteration, and Signals shows each iterate's extremes."
+        "**iteration** (bottom left), one step is one iterate, and Signals shows the extremes of each."
     ]
     if any(row["residuals"] for row in rows):
         lines.append("Residuals are relative to their tolerances: converged below the **red line**.")

@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -68,6 +68,17 @@ class Track:
     @property
     def iterates(self) -> tuple[Iterate, ...]:
         return self.run.iterates if self.run is not None else ()
+
+    def steps(self, numbers: Sequence[int]) -> IntArray:
+        """The places of iterations in the method's history, from 0, which is their time on `iteration`.
+
+        Of `shortcut`, 1,000 tries of which 20 lower J, numbers would squeeze every other method into a corner.
+        """
+        return np.searchsorted([int(row["iteration"]) for row in self.run.history] if self.run else [], numbers)
+
+    @property
+    def last_step(self) -> int:
+        return max(0, len(self.run.history) - 1) if self.run is not None else 0
 
 
 def tracks_of(run: "Run", looks: Mapping[str, Style] | None = None) -> list[Track]:
