@@ -11,7 +11,8 @@ from optim.result import Stop
 from optim.scene import make_scene
 from replay.recording import picture, text
 from replay.recording.local import moved
-from replay.recording.tracks import PROGRESS, chosen_rows, progress
+from replay.recording.summary import convergence_help
+from replay.recording.tracks import PROGRESS, chosen_rows, progress, tracks_of
 from replay.run import Run
 
 
@@ -176,6 +177,14 @@ def test_a_trial_that_was_turned_down_is_marked_and_moves_neither_the_path_nor_i
     for k, mark in zip(turned_down, marks, strict=True):
         assert mark == costs[k] == costs[k - 1] == history[k - 1]["objective"]
     assert "turned down" in iterative_read.text("/report/convergence")
+
+
+def test_a_rise_of_j_is_explained_where_a_method_began_anew(iterative: Run, iterative_read: Contents) -> None:
+    explanation = "a method began anew"
+    assert explanation not in iterative_read.text("/report/convergence")
+    steps = factory.towards((8.0, 0.34), 4)
+    anew = factory.make_run({"scp": factory.Iterative(steps[-1], [*steps[:-1], *steps[:-1]])})
+    assert explanation in convergence_help(tracks_of(anew))
 
 
 def test_a_chain_has_entities_under_its_whole_name(iterative_read: Contents) -> None:

@@ -74,6 +74,22 @@ def test_the_scale_is_as_long_as_it_says_and_a_round_length(one_read: Contents) 
     assert length.strip("0.") in ("1", "2", "5")
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0], ids=["left", "right"])
+def test_the_scale_is_in_the_lower_corner_that_is_farther_from_start_and_goal(
+    tmp_path: pathlib.Path, side: float
+) -> None:
+    run, _ = run_of_log(tmp_path, 0.0)
+    problem = run.case.problem
+    ends = np.stack([problem.recorded.start, problem.recorded.goal])[:, :2]
+    lowest, middle = ends[:, 1].min() - 5.0, ends[:, 0].mean()
+    far = np.array([[-1.0, 0.0], [1.0, 0.0], [1.0, 1.0], [-1.0, 1.0]]) + [middle + side * 40.0, lowest]
+    moved = dataclasses.replace(problem, scene=make_scene([far]))
+    case = dataclasses.replace(run.case, problem=moved)
+    contents = Contents(written(run_case(case, {"shortcut": factory.Prepared()}), tmp_path))
+    ((bar,),) = contents.rows("/scene/scale", "LineStrips2D:strips")
+    assert side * (np.array(bar)[:, 0].mean() - middle) > 0.0
+
+
 def test_failed_checks_at_one_place_share_a_label(tmp_path: pathlib.Path) -> None:
     run = factory.make_run({"cpo": factory.Prepared(factory.manoeuvre(2.0, 0.5))})
     contents = Contents(written(run, tmp_path))

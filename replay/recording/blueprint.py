@@ -196,7 +196,7 @@ def _convergence(content: Content) -> rrb.Horizontal:
     columns = 2 if len(rest) > 3 else 1
     others = [rrb.Grid(*rest, grid_columns=columns)] if rest else []
     shares = [1.0, *(1.4 if columns == 2 else 0.55 * len(rest) for _ in others)]
-    right = rrb.Vertical(help_line, first, *others, row_shares=[0.18 * sum(shares), *shares])
+    right = rrb.Vertical(help_line, first, *others, row_shares=[0.2 * sum(shares), *shares])
     plan = _plan(content, "Iterates over the recorded path", shown, content.legend)
     return rrb.Horizontal(plan, right, column_shares=[11, 9], name="Convergence")
 
@@ -206,13 +206,21 @@ def _over_iterations(plot: Plot, legend: rrb.Corner2D | None) -> rrb.TimeSeriesV
 
 
 def _residuals(content: Content) -> rrb.Vertical:
-    """Each with its own legend: not every method has every residual. Residuals end low."""
-    plots = [_over_iterations(plot, legend=rrb.Corner2D.RightTop) for plot in content.residuals]
+    """Each with its own legend: not every method has every residual. It stands above the curves."""
+    plots = [_over_iterations(_with_room(plot), legend=rrb.Corner2D.RightTop) for plot in content.residuals]
     half = len(plots) if len(plots) < 4 else (len(plots) + 1) // 2
     rows = [row for row in (plots[:half], plots[half:]) if row]
     help_line = rrb.TextDocumentView(origin="/report/residuals", name="What this shows")
     shares = [0.55, *(2.0 for _ in rows)]
     return rrb.Vertical(help_line, *(rrb.Horizontal(*row) for row in rows), row_shares=shares, name="Residuals")
+
+
+def _with_room(plot: Plot) -> Plot:
+    """Of its height, a part for a legend of up to four names."""
+    if plot.y_range is None:
+        return plot
+    low, high = plot.y_range
+    return plot._replace(y_range=(low, high + 0.4 * (high - low)))
 
 
 def _costs(content: Content, track: Track) -> rrb.Horizontal:

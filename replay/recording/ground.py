@@ -101,12 +101,18 @@ def log_ends(rec: rr.RecordingStream, problem: Problem) -> None:
         rec.log(f"/scene/ends/{name}/label", label(middle, name), static=True)
 
 
-def log_scale(rec: rr.RecordingStream, frame: Frame) -> None:
-    """A bar of a round length at the lower left: a plan view has no axes."""
+def log_scale(rec: rr.RecordingStream, frame: Frame, problem: Problem) -> None:
+    """A bar of a round length, with room below it for its label: a plan view has no axes.
+
+    It is in the lower corner that is farther from the vehicle at start and goal, which have labels too.
+    """
     most = _SCALE_SHARE * frame.width
     decade = 10.0 ** math.floor(math.log10(most))
     length = next(step * decade for step in (5.0, 2.0, 1.0) if step * decade <= most)
-    x, y, tick = frame.x0 + 0.03 * frame.size, frame.y0 + 0.03 * frame.size, 0.008 * frame.size
+    edge, y, tick = 0.03 * frame.size, frame.y0 + 0.08 * frame.size, 0.008 * frame.size
+    bodies = body_corners(problem.vehicle, np.stack([problem.recorded.start, problem.recorded.goal])).reshape(-1, 2)
+    corners = [frame.x0 + edge, frame.x1 - edge - length]
+    x = max(corners, key=lambda left: float(np.hypot(*(bodies - [left + length / 2, y]).T).min()))
     bar = [[x, y + tick], [x, y], [x + length, y], [x + length, y + tick]]
     rec.log("/scene/scale", rr.LineStrips2D([bar], colors=[LABEL], radii=points(1.0), draw_order=44.0), static=True)
     rec.log("/scene/scale/label", label(np.array([x + length / 2, y]), f"{length:g} m"), static=True)

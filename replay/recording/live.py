@@ -51,7 +51,7 @@ class LiveRecording:
         frame = frame_around(problem.scene, [swept_area(problem.vehicle, problem.recorded)])
         ground.log_ground(rec, case, frame)
         ground.log_ends(rec, problem)
-        ground.log_scale(rec, frame)
+        ground.log_scale(rec, frame, problem)
         entries = [(RECORDED.label, RECORDED.colour), *((look.label, look.colour) for look in self._looks.values())]
         legend = ground.log_legend(rec, frame, entries, "paths")
         scene.log_path(rec, problem.recorded, entity("scene", "recorded"), RECORDED.colour, frame, scene.RECORDED_LINE)

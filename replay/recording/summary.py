@@ -1,6 +1,7 @@
 """What the recording says in words: the verdict, the table of methods, vehicle and options, the audits. Markdown."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -131,18 +132,26 @@ def _checks(audit: Mapping[str, Any]) -> Iterable[tuple[str, Mapping[str, Any]]]
     return audit.get("checks", {}).items()
 
 
+def _begins_anew(track: Track) -> bool:
+    """Whether J ever rises by a tenth of what was gained in all, as where a method solves a changed problem."""
+    costs = [row["objective"] for row in track.run.history if row["accepted"]] if track.run is not None else []
+    return any(after - before > 0.1 * (max(costs) - min(costs)) for before, after in itertools.pairwise(costs))
+
+
 def convergence_help(tracks: list[Track]) -> str:
     """What the convergence plots show; nothing about what there is none of."""
     rows = [row for track in tracks if track.run is not None for row in track.run.history]
     quiet = [cell(track.style.label) for track in tracks[1:] if not track.iterates]
     lines = [
-        "Every method from the recorded path (progress 0) to its result (1000); **space** plays. On the timeline "
-        "**iteration** (bottom left), one step is one iterate, and Signals shows the extremes of each."
+        "From the recorded path (progress 0) to each method's result (1000); **space** plays. On the timeline "
+        "**iteration** (bottom left) one step is one iterate, and Signals shows its extremes."
     ]
     if any(row["residuals"] for row in rows):
         lines.append("Residuals are relative to their tolerances: converged below the **red line**.")
     if not all(row["accepted"] for row in rows):
         lines.append("**✗** marks a trial step that was turned down.")
+    if any(_begins_anew(track) for track in tracks):
+        lines.append("Where J jumps up, a method began anew: new obstacles, or a segment left out.")
     if quiet:
         lines.append(f"No iterates: {', '.join(quiet)}.")
     return " ".join(lines)
@@ -216,7 +225,7 @@ def _map_size(run: "Run") -> str:
     if grid is None:
         return "shapes"
     rows, columns = grid.cells.shape
-    return f"{columns} × {rows} cells of {number(grid.resolution, 3)} m"
+    return f"{columns} × {rows} cells of {grid.resolution:.3g} m"
 
 
 def _flat(options: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, str]]:

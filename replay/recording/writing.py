@@ -85,7 +85,7 @@ def fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Array
     frame = frame_around(problem.scene, [track.area for track in tracks])
     ground.log_ground(rec, run.case, frame)
     ground.log_ends(rec, problem)
-    ground.log_scale(rec, frame)
+    ground.log_scale(rec, frame, problem)
     scene.log_logged_poses(rec, run.case)
     legend = ground.log_legend(rec, frame, [_legend_entry(tracks[0], track) for track in tracks], "paths")
     own = [track for track in tracks if track.is_own]
