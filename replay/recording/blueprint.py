@@ -196,7 +196,7 @@ def _convergence(content: Content) -> rrb.Horizontal:
     columns = 2 if len(rest) > 3 else 1
     others = [rrb.Grid(*rest, grid_columns=columns)] if rest else []
     shares = [1.0, *(1.4 if columns == 2 else 0.55 * len(rest) for _ in others)]
-    right = rrb.Vertical(help_line, first, *others, row_shares=[0.2 * sum(shares), *shares])
+    right = rrb.Vertical(help_line, first, *others, row_shares=[0.23 * sum(shares), *shares])
     plan = _plan(content, "Iterates over the recorded path", shown, content.legend)
     return rrb.Horizontal(plan, right, column_shares=[11, 9], name="Convergence")
 

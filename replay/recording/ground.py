@@ -109,7 +109,7 @@ def log_scale(rec: rr.RecordingStream, frame: Frame, problem: Problem) -> None:
     most = _SCALE_SHARE * frame.width
     decade = 10.0 ** math.floor(math.log10(most))
     length = next(step * decade for step in (5.0, 2.0, 1.0) if step * decade <= most)
-    edge, y, tick = 0.03 * frame.size, frame.y0 + 0.08 * frame.size, 0.008 * frame.size
+    edge, y, tick = 0.04 * frame.size, frame.y0 + 0.08 * frame.size, 0.008 * frame.size
     bodies = body_corners(problem.vehicle, np.stack([problem.recorded.start, problem.recorded.goal])).reshape(-1, 2)
     corners = [frame.x0 + edge, frame.x1 - edge - length]
     x = max(corners, key=lambda left: float(np.hypot(*(bodies - [left + length / 2, y]).T).min()))

@@ -149,7 +149,7 @@ def convergence_help(tracks: list[Track]) -> str:
     if any(row["residuals"] for row in rows):
         lines.append("Residuals are relative to their tolerances: converged below the **red line**.")
     if not all(row["accepted"] for row in rows):
-        lines.append("**✗** marks a trial step that was turned down.")
+        lines.append("**✗** is a trial step turned down.")
     if any(_begins_anew(track) for track in tracks):
         lines.append("Where J jumps up, a method began anew: new obstacles, or a segment left out.")
     if quiet:
