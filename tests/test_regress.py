@@ -2,6 +2,7 @@
 
 import os
 import pathlib
+import shlex
 import signal
 import subprocess
 import time
@@ -135,9 +136,12 @@ def test_a_failing_run_ends_with_the_command_that_accepts_and_accepting_makes_it
     assert "worse: bay_01/0 ddp: min_clearance" in again.stdout
     assert help.command(*whole, "--margin", "0.05").returncode == 0
     before = read_baseline(tmp_path / "corpus" / "baseline.json")
-    partial = help.command(*arguments, "--margin", "0.02", "--json")
+    options = ["--margin", "0.02", "--json", "--set", "weights.cusp=5", "--set=ddp.spacing=0.4"]
+    partial = help.command(*arguments, "--only=bay*", *options, "--set", "method=ddp")
     assert partial.returncode == 1
-    assert "cannot become the baseline" in partial.stderr.strip().splitlines()[-1]
+    assert "cannot become the baseline" in (told := partial.stderr.strip().splitlines()[-1])
+    options[-1:] = ["--set", "ddp.spacing=0.4"]
+    assert shlex.split(told.partition("the whole: ")[2]) == ["replay", *whole, *options]
     newest = sorted((tmp_path / "runs").iterdir())[-1]
     assert help.command("regress", "accept", str(newest)).returncode == 2
     assert read_baseline(tmp_path / "corpus" / "baseline.json") == before

@@ -56,6 +56,17 @@ def timeless(file: pathlib.Path) -> dict[str, Any]:
     return document
 
 
+def test_methods_may_be_named_with_commas_between(log, tmp_path, capsys):
+    settings = settled([layer_of_assignments(["method=ddp, shortcut+scp"])])
+    assert list(settings.methods) == ["ddp", "shortcut+scp"]
+    command = ["optimize", log, "--out", tmp_path, "--no-recording", "--shortcut.tries", "5"]
+    assert run(*command, "--method", "shortcut,cpo") == 0
+    document = read_results(tmp_path / "yard.results.json")
+    assert [method["name"] for method in document["methods"]] == ["shortcut", "cpo"]
+    assert run(*command, "--method", "shortcut,ddpp") == 2
+    assert "unknown method 'ddpp'. Did you mean 'ddp'?" in capsys.readouterr().err
+
+
 def test_a_file_sets_what_it_names_and_nothing_else(config):
     settings = settled([layer_of_file(config)])
     assert list(settings.methods) == ["shortcut", "ddp+shortcut"]

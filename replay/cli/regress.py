@@ -34,6 +34,8 @@ from replay.regress.settings import Recordings, Settings
 from replay.regress.store import Store
 
 _FLAT = Parameter(name="*")
+_PARTIAL = ("--method", "--tag", "--only")
+"""Options that leave a part of the corpus out."""
 _SHORT = (WRITE_ERROR, FINISH_ERROR, CLUSTER_ERROR)
 """Errors that come when the work is done: it fell short, rather than that it could not be begun."""
 
@@ -76,8 +78,8 @@ def run(
     corpus
         A folder (with all below it), a glob, a file with one path on each line, or s3://BUCKET/PREFIX.
     method
-        A method to run, by name, or some joined by +; may be given several times. By default those that corpus.toml
-        names, else all. A run of some methods is partial: it cannot become the baseline.
+        A method to run, by name, or some joined by +; several with commas between, or by giving this several times. By
+        default those that corpus.toml names, else all. A run of some methods is partial: it cannot become the baseline.
     tag
         Run only logs that have this tag or class in corpus.toml; may be given several times. Makes the run partial.
     only
@@ -300,10 +302,22 @@ def _accept(plan: Plan, store: Store) -> str:
 
 def _advice(plan: Plan, store: Store, state: str) -> str:
     if plan.partial:
-        whole = shlex.join(["replay", "regress", plan.corpus])
-        return f"a partial run ({plan.partial}) cannot become the baseline; the whole: {whole}"
+        return f"a partial run ({plan.partial}) cannot become the baseline; the whole: {_whole()}"
     why = "if this is as it should be" if state == "failed" else "there is no baseline yet; to make this run the one"
     return f"{why}: {_accept(plan, store)}"
+
+
+def _whole() -> str:
+    """This command without what makes its run partial."""
+    kept, words = ["replay"], iter(sys.argv[1:])
+    for word in words:
+        flag, sign, value = word.partition("=")
+        if flag in (*_PARTIAL, "--set") and not sign:
+            value = next(words, "")
+        if flag in _PARTIAL or flag == "--resume" or (flag == "--set" and value.partition("=")[0].strip() == "method"):
+            continue
+        kept += [flag, value] if flag == "--set" else [word]
+    return shlex.join(kept)
 
 
 def _again() -> str:

@@ -39,8 +39,8 @@ class RunOptions:
     """What concerns the whole run."""
 
     method: tuple[str, ...] | None = None
-    """A method to run, by name; may be given several times. Names joined by +, as in A+B, run one after the other,
-    each from where the one before ended. All methods, each by itself, by default."""
+    """A method to run, by name; several with commas between, or by giving this several times. Names joined by +, as in
+    A+B, run one after the other, each from where the one before ended. All methods, each by itself, by default."""
     seed: int = 0
     """Seed for every method that has one."""
     recording: bool = True
@@ -103,6 +103,8 @@ def settled(layers: Iterable[Layer]) -> Settings:
                 values[name].pop("seed", None)
         for group, options in layer.items():
             values[group] |= options
+    if named_methods := values[RUN].get("method"):
+        values[RUN]["method"] = tuple(name.strip() for names in named_methods for name in names.split(","))
     try:
         run = RunOptions(**values[RUN])
     except ValueError as error:
