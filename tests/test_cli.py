@@ -76,6 +76,20 @@ def test_help_loads_nothing_heavy():
         assert command in done.stdout
 
 
+@pytest.mark.parametrize("command", [*([name] for name in replay.cli.COMMANDS), ["regress", "accept"]], ids=" ".join)
+def test_every_option_has_a_line_of_help_that_only_the_terminal_breaks(
+    command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "2000")
+    assert replay.cli.main([*command, "--help"]) == 0
+    lines = [line.strip("│ ") for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
+    assert "--json" in [line.split()[0] for line in lines]
+    for line in lines:
+        name, _, text = line.removeprefix("*").strip().partition("  ")
+        assert name.startswith("-") or name.isupper() or name == "accept", "a line that is broken, or no help"
+        assert len(text.split()) > 2, name
+
+
 def test_the_installed_command_says_its_version():
     script = pathlib.Path(sys.executable).with_name("replay")
     done = subprocess.run([script, "--version"], capture_output=True, text=True, timeout=60)

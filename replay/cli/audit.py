@@ -7,12 +7,13 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from replay.cli.console import Common, Voice
-from replay.cli.usage import ExitStatus
+from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError
 from replay.results import Verdict, audit_results, read_results
 from replay.tables import checks_table
 
 
+@reflowed
 def audit(
     results: list[pathlib.Path],
     /,

@@ -9,7 +9,7 @@ from rich import box
 from rich.table import Table
 
 from replay.cli.console import Common, Voice
-from replay.cli.usage import ExitStatus
+from replay.cli.usage import ExitStatus, reflowed
 from replay.compare import QUANTITIES, Comparison, Pair, overlay, to_document
 from replay.compare import compare as compare_files
 from replay.errors import ReplayError, printable
@@ -25,6 +25,7 @@ _ROWS = {
 """Title, factor to the title's unit, digits."""
 
 
+@reflowed
 def compare(
     a: pathlib.Path,
     b: pathlib.Path,

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from replay.case import Case
 from replay.cli.console import Common, Voice
 from replay.cli.reading import Reading, read_options
-from replay.cli.usage import ExitStatus
+from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError, printable
 from replay.logs import ReadOptions
 from replay.logs.assemble import cases_of
@@ -29,6 +29,7 @@ _HITCH = {
 }
 
 
+@reflowed
 def info(
     logs: list[pathlib.Path],
     /,

@@ -25,7 +25,7 @@ from replay.cli.settings import (
     layer_of_results,
     settled,
 )
-from replay.cli.usage import example
+from replay.cli.usage import example, reflowed
 from replay.live import LiveView, NoViewer, open_viewer
 from replay.results import read_results
 
@@ -47,6 +47,7 @@ _FLAT = Parameter(name="*")
 _List = Annotated[list[str] | None, Parameter(negative=())]
 
 
+@reflowed
 def optimize(
     logs: list[pathlib.Path] | None = None,
     /,

@@ -19,7 +19,7 @@ from replay.cli.optimize import MethodFlags, WeightFlags
 from replay.cli.options import UsageError
 from replay.cli.reading import Reading
 from replay.cli.settings import MOST_JOBS, RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags, settled
-from replay.cli.usage import ExitStatus
+from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError
 from replay.files import WRITE_ERROR
 from replay.regress.baseline import Baseline, accepted, default_baseline, read_baseline, write_baseline
@@ -39,10 +39,16 @@ _PARTIAL = ("--method", "--tag", "--only")
 _SHORT = (WRITE_ERROR, FINISH_ERROR, CLUSTER_ERROR)
 """Errors that come when the work is done: it fell short, rather than that it could not be begun."""
 
-regress = App(name="regress", help_format="plaintext")
+regress = App(
+    name="regress",
+    help_format="plaintext",
+    help_epilogue="Exit status: 0 nothing is worse than the baseline; 1 something is worse, missing or crashed; 2 wrong"
+    " usage; 3 logs could not be read of which nothing is known; 130 interrupted, --resume does the rest.",
+)
 
 
 @regress.default
+@reflowed
 def run(
     corpus: str,
     /,
@@ -69,9 +75,6 @@ def run(
     options: Annotated[MethodFlags | None, _FLAT] = None,
 ) -> int:
     """Run every log of a corpus through every method, compare with a baseline, and write reports.
-
-    Exit status 0 if nothing is worse than the baseline; 1 if something is worse, missing or crashed; 3 if logs could
-    not be read of which nothing is known; 130 on Ctrl-C, and the same command with --resume does the rest.
 
     Parameters
     ----------
@@ -101,7 +104,7 @@ def run(
     recordings
         Which cases get a recording; changed: those that are not the same as in the baseline.
     seed
-        Seed for every method that has one.
+        Seed for every method that has one; 0 by default.
     time_limit
         Processor time that each method has for a case [s], compiling not counted: a watchdog, which does not depend on
         what else the machine does. By the clock on the wall a method may take five times as long.
@@ -143,6 +146,7 @@ def run(
 
 
 @regress.command
+@reflowed
 def accept(
     run: pathlib.Path,
     /,

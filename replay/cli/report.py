@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from replay.cli.console import Common, Voice
-from replay.cli.usage import ExitStatus
+from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError
 from replay.files import WRITE_ERROR
 from replay.regress.reports import make_report
@@ -17,6 +17,7 @@ from replay.regress.reports.model import RunData
 _MOST_LINES = 20
 
 
+@reflowed
 def report(
     run: pathlib.Path,
     /,

@@ -2,7 +2,11 @@
 
 import difflib
 import enum
-from collections.abc import Iterable
+import inspect
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+Command = TypeVar("Command", bound=Callable[..., int])
 
 
 class ExitStatus(enum.IntEnum):
@@ -27,6 +31,22 @@ def unknown(kind: str, word: str, choices: Iterable[str], where: str = "") -> st
     guess = f" Did you mean {nearest[0]!r}?" if nearest else ""
     place = f" {where}" if where else ""
     return f"unknown {kind} {word!r}{place}.{guess} There are: {', '.join(choices)}"
+
+
+def reflowed(command: Command) -> Command:
+    """The same command, the paragraphs of its docstring in one line each: its help is wrapped to the terminal alone."""
+    lines = [""]
+    for line in inspect.cleandoc(command.__doc__ or "").splitlines():
+        if line.strip() and 0 < _indent(line) == _indent(lines[-1]):
+            lines[-1] += " " + line.strip()
+        else:
+            lines.append(line)
+    command.__doc__ = "\n".join(lines[1:])
+    return command
+
+
+def _indent(line: str) -> int:
+    return len(line) - len(line.lstrip())
 
 
 _EXAMPLES = {

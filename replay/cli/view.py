@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from rich.table import Table
 
 from replay.cli.console import Common, Voice
-from replay.cli.usage import ExitStatus
+from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError, printable
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 VIEW_ERROR = "E_VIEW"
 
 
+@reflowed
 def view(
     run: pathlib.Path,
     /,
