@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 from logs_maker import LogMaker, drive, grid, joints, path, typestore, yard
 from mcap.reader import make_reader
-from rosbags.rosbag2 import Reader
+from rosbags.interfaces import (
+    ConnectionExtRosbag2,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 import replay.cli
 from replay.logs import ReadOptions, read_cases
@@ -90,6 +99,33 @@ def test_the_copy_is_read_as_its_log_was_and_may_be_exported_again(bag: pathlib.
     again = bag.parent / "again" / f"{copy.name}.optimised"
     assert (again / "optimised.mcap").read_bytes() == (copy / "optimised.mcap").read_bytes()
     assert (again / "optimised_1.mcap").is_file()
+
+
+def test_topics_keep_the_quality_of_service_under_which_they_were_offered(tmp_path: pathlib.Path) -> None:
+    store, forever = typestore(), QosTime(2**31 - 1, 999_999_999)
+    latched = Qos(
+        QosHistory.KEEP_LAST,
+        1,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL,
+        forever,
+        forever,
+        QosLiveliness.AUTOMATIC,
+        forever,
+        False,
+    )
+    truck, axle = drive()
+    topics = {"/map": (grid(yard()), [latched]), "/truck": (path(truck), []), "/trailer": (path(axle), [])}
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic, (message, qos) in topics.items():
+            kind = message.__msgtype__
+            connection = writer.add_connection(topic, kind, typestore=store, offered_qos_profiles=qos)
+            writer.write(connection, 1, store.serialize_cdr(message, kind))
+    assert run("optimize", tmp_path / "bag", *QUICK, "--out", tmp_path) == 0
+    with Reader(tmp_path / "bag.optimised") as reader:
+        bags = ((each.topic, each.ext) for each in reader.connections)
+        offered = {topic: [*bag.offered_qos_profiles] for topic, bag in bags if isinstance(bag, ConnectionExtRosbag2)}
+    assert {topic: offered[topic] for topic in topics} == {topic: qos for topic, (_, qos) in topics.items()}
 
 
 def test_an_earlier_copy_is_replaced(bag: pathlib.Path, copy: pathlib.Path) -> None:

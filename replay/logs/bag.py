@@ -66,11 +66,11 @@ def _metadata(folder: pathlib.Path, names: Sequence[str], log: Log, topics: Sequ
     """The text of `metadata.yaml`."""
     times = [time for name in names for time in time_span(folder / name)] or [0]
     counted = [
-        (channel.topic, channel.schema.name, channel.encoding, log.counts.get(channel.id, 0))
+        (channel.topic, channel.schema.name, channel.encoding, channel.qos, log.counts.get(channel.id, 0))
         for channel in log.channels
         if channel.schema is not None
     ]
-    counted += [(topic.topic, topic.schema, "cdr", len(topic.messages)) for topic in topics]
+    counted += [(topic.topic, topic.schema, "cdr", "", len(topic.messages)) for topic in topics]
     lines = [
         "rosbag2_bagfile_information:",
         f"  version: {_VERSION}",
@@ -84,13 +84,13 @@ def _metadata(folder: pathlib.Path, names: Sequence[str], log: Log, topics: Sequ
         f"  message_count: {sum(count for *_, count in counted)}",
         "  topics_with_message_count:",
     ]
-    for topic, kind, encoding, count in counted:
+    for topic, kind, encoding, qos, count in counted:
         lines += [
             "    - topic_metadata:",
             f"        name: {_quoted(topic)}",
             f"        type: {_quoted(kind)}",
             f"        serialization_format: {_quoted(encoding)}",
-            '        offered_qos_profiles: ""',
+            f"        offered_qos_profiles: {_quoted(qos)}",
             f"      message_count: {count}",
         ]
     return "\n".join([*lines, '  compression_format: ""', '  compression_mode: ""', ""])

@@ -5,6 +5,8 @@ from pathlib import Path
 from replay.errors import LogError
 from replay.logs.records import Channel, Cursor, Malformed, Schema
 
+_QOS = "offered_qos_profiles"  # the key of a channel's metadata under which rosbag2 keeps them
+
 
 def normalised(name: str) -> str:
     """`pkg/Type` as `pkg/msg/Type`: some writers leave the middle out."""
@@ -47,7 +49,7 @@ class Definitions:
         """Read a Channel record; the channel if it is new. Raises as `add_schema` does."""
         channel = read_channel(cursor, self.schemas)
         known = self.by_id.get(channel.id)
-        if known is not None and known[:3] + known[4:] != channel[:3] + channel[4:]:
+        if known is not None and _meaning(known) != _meaning(channel):
             text = (
                 f"channel {channel.id} is topic {known.topic!r} first and later {channel.topic!r} or otherwise encoded"
             )
@@ -64,6 +66,11 @@ class Definitions:
         return channel
 
 
+def _meaning(channel: Channel) -> tuple[object, ...]:
+    """What a channel that is defined again must agree in."""
+    return channel.topic, channel.encoding, channel.schema_id
+
+
 def read_schema(cursor: Cursor) -> tuple[int, Schema]:
     """Identifier and content of a Schema record."""
     schema_id = cursor.u16("schema id")
@@ -76,5 +83,5 @@ def read_channel(cursor: Cursor, schemas: dict[int, Schema]) -> Channel:
     """The content of a Channel record."""
     channel_id, schema_id = cursor.u16("channel id"), cursor.u16("schema id")
     topic, encoding = cursor.text("topic"), cursor.text("message encoding")
-    cursor.text_map("metadata")
-    return Channel(channel_id, topic, encoding, schemas.get(schema_id), schema_id)
+    metadata, _ = cursor.text_map("metadata")
+    return Channel(channel_id, topic, encoding, schemas.get(schema_id), schema_id, metadata.get(_QOS, ""))

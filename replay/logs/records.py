@@ -68,6 +68,8 @@ class Channel(NamedTuple):
     schema: Schema | None
     schema_id: int
     """0: the channel has no schema; otherwise `schema` is None only where the log lacks it."""
+    qos: str = ""
+    """The quality-of-service profiles under which it was offered, as rosbag2 writes them (YAML)."""
 
 
 class Message(NamedTuple):
