@@ -251,7 +251,7 @@ def _judge(run: Run, result: Result) -> dict[str, Any]:
         reason = f"It passes the audit (J {after:.6g}), which the recorded path (J {before:.6g}) does not. {reason}"
     elif not after < before * (1.0 - LEAST_GAIN):
         return end | _recorded(
-            run, "kept", f"Nothing better was found (J {after:.6g}, recorded {before:.6g}). {reason}"
+            run, "kept", f"Nothing better was found (J {after:.6g}, recorded {before:.6g}): {reason}"
         )
     better = {"status": "improved", "reason": reason, "path": result.path}
     return end | better | {"metrics": measured, "audit": report.to_dict()}

@@ -189,4 +189,4 @@ def ring_polygons(rings: list[Ring]) -> tuple[list[Array], list[str]]:
     if len(polygons) > MAX_POLYGONS:
         raise Refusal("E_TOO_MANY_SHAPES", f"the map has more than {MAX_POLYGONS} polygons")
     empty = len(rings) - len(polygons)
-    return polygons, [f"{empty} polygons are no obstacles: they are empty"] if empty else []
+    return polygons, [f"polygons that are no obstacles: {empty}, they are empty"] if empty else []
