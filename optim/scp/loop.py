@@ -41,11 +41,12 @@ class LoopOptions:
 
 
 _LEAST_RADIUS, _LARGEST_RADIUS = 1e-4, 10.0  # relative to the first
-_SHRINK_BELOW, _GROW_ABOVE = 0.25, 0.7  # ratio of actual to predicted decrease (Oguri 2023)
-_LARGEST_WEIGHT = 1e8
-_SETTLED, _SETTLED_RATIO = 0.1, 0.5
+_ACCEPT_ABOVE, _SHRINK_BELOW, _GROW_ABOVE = 1e-3, 0.25, 0.7  # ratio of actual to predicted decrease (Oguri 2023)
+_AT_BOUND = 0.9  # share of the radius from which on a step counts as held by the trust region
+_LARGEST_WEIGHT = 1e8  # at which the violation is all that counts
 # a step that small, in scaled units, whose decrease is as predicted: the next would gain less than a third of the
 # tolerance (largest share seen on the sample logs: 0.29), and costs as much as this one
+_SETTLED, _SETTLED_RATIO = 0.1, 0.5
 _NEARLY = 1e-2  # violation at which a vanished segment need not wait for convergence: merging opens a gap anyway
 _PATIENCE = 12  # sub-problems at the largest weight that do not halve the violation: nothing near is feasible
 _FEWER = 0.3  # a violation that has not fallen to this share after a step makes the weight grow
@@ -120,7 +121,7 @@ class Loop:
             trial = self._corrected(point, near, step, limits, penalty)
             actual = point.merit(penalty) - trial.merit(penalty)
             size, reach = _size(step), step.reach / options.trust_region
-            accepted = actual > 0.0 and actual >= 1e-3 * predicted
+            accepted = actual > 0.0 and actual >= _ACCEPT_ABOVE * predicted
             optimality = self._optimality(point, predicted, actual, size)
             converged = optimality <= 1.0
             tell(self._report(trial, optimality, size, accepted, radius, step.solver_s))
@@ -144,7 +145,7 @@ class Loop:
             elif patience.is_over(point.violation, penalty.weight):
                 return self._end(point, penalty, Stop.INFEASIBLE, iteration)
             ratio = actual / predicted if predicted > 0.0 else 1.0
-            curvature = _next_curvature(curvature, ratio, at_bound=reach > 0.9 * radius)
+            curvature = _next_curvature(curvature, ratio, at_bound=reach > _AT_BOUND * radius)
             radius = _next_radius(radius, reach, ratio)
             if radius < _LEAST_RADIUS:
                 return self._end(point, penalty, Stop.STALLED, iteration)
@@ -290,7 +291,7 @@ def _next_radius(radius: float, reach: float, ratio: float) -> float:
     """Smaller where the model was wrong, than the step too; larger where it was right and the step at its bound."""
     if ratio < _SHRINK_BELOW:
         return 0.5 * min(radius, reach)
-    return min(3.0 * radius, _LARGEST_RADIUS) if ratio > _GROW_ABOVE and reach > 0.9 * radius else radius
+    return min(3.0 * radius, _LARGEST_RADIUS) if ratio > _GROW_ABOVE and reach > _AT_BOUND * radius else radius
 
 
 def _next_curvature(curvature: float, ratio: float, at_bound: bool) -> float:
