@@ -152,30 +152,6 @@ def roll_out_segment(vehicle: Vehicle, state0: Array, direction: int, s: Array, 
     return segment_from_states(direction, s, roll_out(vehicle, state0, s, phi, direction), phi)
 
 
-def cut(vehicle: Vehicle, path: Path, s0: float, s1: float) -> Path:
-    """The part of the path between two arc lengths [m]; ends between samples are found by integration.
-
-    Raises ValueError unless 0 <= s0 < s1 <= length.
-    """
-    if not -LENGTH_TOLERANCE <= s0 < s1 <= path.length + LENGTH_TOLERANCE:
-        raise ValueError(f"path: cannot cut from {s0:g} to {s1:g} m, expected 0 <= start < end <= {path.length:g}")
-    pieces, start = [], 0.0
-    for segment in path.segments:
-        low, high = max(s0 - start, 0.0), min(s1 - start, segment.length)
-        if high - low > LENGTH_TOLERANCE:
-            pieces.append(_cut_segment(vehicle, segment, low, high))
-        start += segment.length
-    return Path(tuple(pieces))
-
-
-def _cut_segment(vehicle: Vehicle, segment: Segment, low: float, high: float) -> Segment:
-    inside = (segment.s > low + LENGTH_TOLERANCE) & (segment.s < high - LENGTH_TOLERANCE)
-    ends_state, ends_phi = sample_segment(vehicle, segment, np.array([low, high]))
-    states = np.concatenate([ends_state[:1], segment.states[inside], ends_state[1:]])
-    phi = np.concatenate([ends_phi[:1], segment.phi[inside], ends_phi[1:]])
-    return segment_from_states(segment.direction, np.concatenate([[low], segment.s[inside], [high]]), states, phi)
-
-
 def sample_segment(vehicle: Vehicle, segment: Segment, s: Array) -> tuple[Array, Array]:
     """States (n, 4) and steering (n,) at arc lengths s (n,) of a segment: stored where stored, else integrated."""
     s = np.clip(np.asarray(s, float), 0.0, segment.length)
@@ -246,11 +222,6 @@ def _joined(run: list[Segment]) -> Segment:
         start += segment.length
     s, states, phi = (np.concatenate(column) for column in zip(*columns, strict=True))
     return segment_from_states(run[0].direction, s, states, phi)
-
-
-def join(*paths: Path) -> Path:
-    """One path after the other, merged as `merge` does."""
-    return merge([segment for path in paths for segment in path.segments])
 
 
 def reverse(path: Path) -> Path:

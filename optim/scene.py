@@ -99,36 +99,6 @@ def clearance(scene: Scene, vehicle: Vehicle, states: Array) -> Array:
     return witnesses(scene, vehicle, states).distance
 
 
-def clearance_gradient(scene: Scene, vehicle: Vehicle, states: Array) -> tuple[Array, Array]:
-    """`clearance` and its derivative by (x, y, theta, alpha), shape (N, 2, 4); 0 without obstacles.
-
-    With the normal n and the witness b on the body, J the quarter turn, p the rear axle and h the hitch:
-    (n, n . J (b - p), 0) for the truck and (n, n . J (b - p), n . J (b - h)) for the trailer. Where two pairs
-    of features are equally near, it is the derivative of one of them.
-    """
-    states = np.asarray(states, dtype=np.float64)
-    near = witnesses(scene, vehicle, states)
-    return near.distance, witness_gradient(vehicle, states, near)
-
-
-def witness_gradient(vehicle: Vehicle, states: Array, near: Witnesses) -> Array:
-    """The derivative of the distances in `near` by (x, y, theta, alpha). Shape (N, 2, 4)."""
-    normal = np.nan_to_num(near.normal)
-    axle = states[:, None, :2]
-    heading = states[:, 2]
-    hitch = states[:, :2] - vehicle.hitch_offset * np.stack([np.cos(heading), np.sin(heading)], axis=1)
-    gradient = np.zeros((len(states), 2, 4))
-    gradient[..., :2] = normal
-    gradient[..., 2] = _lever(normal, near.on_body - axle)
-    gradient[:, 1, 3] = _lever(normal[:, 1], near.on_body[:, 1] - hitch)
-    return gradient
-
-
-def _lever(normal: Array, arm: Array) -> Array:
-    """n . J arm, 0 where there is no arm."""
-    return np.nan_to_num(normal[..., 1] * arm[..., 0] - normal[..., 0] * arm[..., 1])
-
-
 def collides(scene: Scene, vehicle: Vehicle, states: Array, margin: float = 0.0) -> NDArray[np.bool_]:
     """Whether either body is nearer to an obstacle than the margin [m], for states (N, 4). Shape (N,).
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from optim.methods import Method
 from optim.objective import objective
-from optim.path import Path, Segment, join, reverse, roll_out_segment, segment_from_states
+from optim.path import Path, Segment, merge, reverse, roll_out_segment, segment_from_states
 from optim.problem import Problem
 from optim.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.scene import Scene, make_scene
@@ -76,7 +76,7 @@ def manoeuvre(reach: float, turn: float, wiggle: float = 0.0, seed: int = 0) -> 
     noise = np.interp(s, np.linspace(0.0, lengths[-1], 14), [0.0, *(0.6 * wiggle * rng.uniform(-1.0, 1.0, 12)), 0.0])
     out = roll_out_segment(VEHICLE, GOAL, 1, s, np.interp(s, lengths, angles) + noise)
     approach = steer_to(START, out.states[-1], wiggle, seed)
-    return join(Path((approach,)), reverse(Path((out,))))
+    return merge([approach, *reverse(Path((out,))).segments])
 
 
 def with_retrace(path: Path, count: int) -> Path:
@@ -85,7 +85,7 @@ def with_retrace(path: Path, count: int) -> Path:
     head, tail = _split(last, count)
     again, _ = _split(reverse(Path((head,))).segments[0], count // 2)
     back = reverse(Path((again,)))
-    return join(Path(path.segments[:-1]), Path((head,)), Path((again,)), back, Path((tail,)))
+    return merge([*path.segments[:-1], head, again, *back.segments, tail])
 
 
 def _split(segment: Segment, at: int) -> tuple[Segment, Segment]:

@@ -7,7 +7,7 @@ import pytest
 from test_turns import DEFAULT, VEHICLES, largest_load, random_ends
 
 from optim.arrays import frozen
-from optim.steering.bezier import bends_at, coefficients, control_points, derivatives, plan_bezier, sample_bezier
+from optim.steering.bezier import bends_at, coefficients, derivatives, plan_bezier, sample_bezier
 from optim.steering.flat import limits
 
 START = frozen((0.06, 0.003))
@@ -38,14 +38,6 @@ def test_the_curve_matches_position_heading_curvature_and_sharpness_at_both_ends
 def test_tangent_lengths_are_the_speeds_at_the_ends():
     c = curve(a0=20.0, a1=26.0)
     assert [math.hypot(*bends_at(c, t)[2:4]) for t in (0.0, 1.0)] == pytest.approx([20.0, 26.0])
-
-
-def test_control_points_span_the_curve():
-    c = curve()
-    points = control_points(c)
-    for t in (0.0, 0.3, 0.8, 1.0):
-        weights = [math.comb(7, i) * t**i * (1 - t) ** (7 - i) for i in range(8)]
-        assert weights @ points == pytest.approx(bends_at(c, t)[:2], abs=1e-10)
 
 
 @pytest.mark.parametrize("t", [0.1, 0.45, 0.9])

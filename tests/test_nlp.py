@@ -40,7 +40,7 @@ def test_multipliers_from_the_witness_normal_give_the_exact_distance():
         for body in range(2):
             pair = pair_function(vehicle, body, len(a), 1.0)
             for k in np.flatnonzero(near.distance[:, body] > 1e-3):
-                start = starting_multipliers(a, offsets, near.normal[k, body], float(headings[k, body]))
+                start = starting_multipliers(a, near.normal[k, body], float(headings[k, body]))
                 planes = np.concatenate([a[:, 0], a[:, 1], offsets])
                 distance, along, across, square = np.asarray(pair(states[k], np.concatenate(start), planes)).ravel()
                 assert distance == pytest.approx(near.distance[k, body], abs=1e-9)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from paths import random_path
 
-from optim.path import Path, Segment, cut, join, merge, resample, reverse, roll_out_segment
+from optim.path import Path, Segment, merge, resample, reverse, roll_out_segment, segment_from_states
 from optim.vehicle import Vehicle, roll_out
 
 VEHICLE = Vehicle()
@@ -11,6 +11,15 @@ VEHICLE = Vehicle()
 def _segment(**changes) -> Segment:
     columns = {name: np.zeros(3) for name in ("x", "y", "theta", "alpha", "phi")}
     return Segment(**{"direction": 1, "s": np.array([0.0, 1.0, 2.0]), **columns, **changes})
+
+
+def _halves(segment: Segment) -> list[Segment]:
+    """The segment in two, which share its middle sample."""
+    middle = segment.num_samples // 2
+    return [
+        segment_from_states(segment.direction, segment.s[part], segment.states[part], segment.phi[part])
+        for part in (slice(middle + 1), slice(middle, None))
+    ]
 
 
 @pytest.mark.parametrize(
@@ -69,24 +78,6 @@ def test_reversing_twice_gives_the_path_back():
     np.testing.assert_array_equal(again.samples.direction, path.samples.direction)
 
 
-@pytest.mark.parametrize(("low", "high"), [(0.0, 30.0), (0.013, 11.97), (3.333, 3.4), (5.0, 20.0), (12.0, 20.0)])
-def test_cutting_and_joining_gives_the_path_back(low, high):
-    path = random_path(VEHICLE, (12, 8, 10), seed=4)
-    parts = [cut(VEHICLE, path, a, b) for a, b in ((0, low), (low, high), (high, 30.0)) if b > a]
-    whole = join(*parts)
-    assert whole.length == pytest.approx(path.length, abs=1e-9)
-    assert whole.num_cusps == path.num_cusps
-    np.testing.assert_allclose(whole.goal, path.goal, atol=1e-12)
-    middle = parts[1] if low > 0 else parts[0]
-    assert middle.length == pytest.approx(high - low, abs=1e-9)
-
-
-def test_cutting_outside_the_path_is_refused():
-    path = random_path(VEHICLE, (5,), seed=0)
-    with pytest.raises(ValueError, match="cannot cut"):
-        cut(VEHICLE, path, 2.0, 6.0)
-
-
 def test_resampling_keeps_the_samples_that_were_there():
     coarse = random_path(VEHICLE, (6, 4), seed=5, spacing=0.5)
     fine = resample(VEHICLE, coarse, 0.05)
@@ -100,16 +91,15 @@ def test_resampling_keeps_the_samples_that_were_there():
 
 def test_merging_joins_equal_gears_and_leaves_cusps():
     path = random_path(VEHICLE, (6, 4), seed=6)
-    halves = [*cut(VEHICLE, path, 0, 3).segments, *cut(VEHICLE, path, 3, 10).segments]
-    assert len(halves) == 3
-    merged = merge(halves)
+    merged = merge([*_halves(path.segments[0]), path.segments[1]])
     assert [segment.direction for segment in merged.segments] == [1, -1]
-    assert merged.length == pytest.approx(10.0)
+    np.testing.assert_allclose(merged.samples.s, path.samples.s, atol=1e-12)
+    np.testing.assert_array_equal(merged.samples.states, path.samples.states)
+    np.testing.assert_array_equal(merged.samples.phi, path.samples.phi)
 
 
 def test_a_jump_of_steering_in_one_gear_is_no_joint():
-    path = random_path(VEHICLE, (6,), seed=6)
-    first, second = (cut(VEHICLE, path, *part).segments[0] for part in ((0, 3), (3, 6)))
+    first, second = _halves(random_path(VEHICLE, (6,), seed=6).segments[0])
     steered = roll_out_segment(VEHICLE, second.states[0], second.direction, second.s, second.phi + 0.05)
     assert len(merge([first, steered]).segments) == 2
     assert len(merge([first, second]).segments) == 1

@@ -72,15 +72,17 @@ def test_the_objective_that_is_compiled_has_no_parameters_so_that_long_paths_fit
     assert {parameter.name() for parameter in stated.problem.objective.parameters()} == set(LINEAR.values())
 
 
-def test_the_step_and_its_multipliers_are_those_of_cvxpys_own_way_to_the_solver():
-    problem = random_problem(2)
+def test_the_step_and_its_multipliers_are_those_of_another_solver_by_way_of_cvxpy():
+    problem = random_problem(1)
     near, scales, limits, penalty = _near(problem)
     step = solve_subproblem(problem.vehicle, near, scales, limits, penalty, 0.5, "clarabel", 60.0)
     other = solve_subproblem(problem.vehicle, near, scales, limits, penalty, 0.5, "osqp", 60.0)
     assert step.status == "optimal"
     assert step.reach <= 0.5 + 1e-6
     assert other.status == "optimal"
-    np.testing.assert_allclose(step.phi, other.phi, atol=0.05)
+    for name in ("q", "phi", "h", "nu", "r", "multipliers"):
+        np.testing.assert_allclose(getattr(step, name), getattr(other, name), atol=1e-3, err_msg=name)
+    assert np.abs(step.multipliers).max() > 1.0
 
 
 def test_a_factor_keeps_a_convex_matrix_and_makes_another_one_convex():

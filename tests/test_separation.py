@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scenes import random_problem
 
-from optim.scene import clearance
+from optim.scene import Scene, clearance, make_scene
 from optim.separation import separations
 from optim.vehicle import Vehicle
 
@@ -28,10 +28,10 @@ def test_the_nearest_row_of_a_body_is_its_clearance(seed):
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
-def test_first_rows_agree_with_finite_differences_of_the_distance(vehicle):
-    from optim.scene import Scene
-
+def test_first_rows_agree_with_finite_differences_of_the_distance_apart_and_overlapping(vehicle):
     problem, states = _states(5)
+    states = np.tile(states, (4, 1))
+    states += np.random.default_rng(5).normal(0.0, 1.0, states.shape) * [2.0, 2.0, 0.1, 0.1]
     rows = separations(problem.scene, vehicle, states, 2.5)
     first = np.concatenate([[True], np.diff(rows.knot * 10**6 + rows.body * 10**5 + rows.polygon) != 0])
     checked, step = 0, 1e-6
@@ -47,11 +47,10 @@ def test_first_rows_agree_with_finite_differences_of_the_distance(vehicle):
         np.testing.assert_allclose(rows.gradient[r][~kinked], slope[~kinked], atol=1e-6)
         checked += int((~kinked).sum())
     assert checked > 100
+    assert (rows.distance[first] < 0.0).sum() > 20
 
 
 def test_parallel_sides_give_a_row_for_each_end_of_where_they_face_each_other():
-    from optim.scene import make_scene
-
     wall = np.array([[-30.0, 3.0], [30.0, 3.0], [30.0, 4.0], [-30.0, 4.0]])
     rows = separations(make_scene([wall]), Vehicle(), np.zeros((1, 4)), 3.0)
     truck = rows.body == 0

@@ -1,4 +1,4 @@
-"""Clearance between the knots: what an interval lacks, and what to ask for at its two knots instead."""
+"""Clearance at the knots and between them: what is missing, and what to ask for at two knots for their interval."""
 
 import numpy as np
 
@@ -7,9 +7,22 @@ from optim.methods.transcription import Knots
 from optim.path import Path
 from optim.problem import Problem
 from optim.scene import clearance, swept_clearance
+from optim.separation import separations
 
 _SAFETY = 1e-4  # [m]: clearance asked for beyond what is missing, so that the next measurement finds nothing missing
 _BAND = 0.015  # of the wheelbase: intervals that near to lacking clearance are raised before they lack it
+
+
+def missing_at_knots(problem: Problem, knots: Knots, required: Array) -> Array:
+    """What truck and trailer lack of required (K, 2) at each knot [m]; 0: nothing. Shape (K, 2).
+
+    Nothing counts as missing at the ends, about which nothing can be done.
+    """
+    rows = separations(problem.scene, problem.vehicle, knots.states, float(required.max()), most=1)
+    missing = np.zeros((len(knots.phi), 2))
+    np.maximum.at(missing, (rows.knot, rows.body), required[rows.knot, rows.body] - rows.distance)
+    missing[[0, -1]] = 0.0
+    return missing
 
 
 def missing_between(problem: Problem, knots: Knots, path: Path) -> Array:

@@ -53,7 +53,7 @@ class Nlp:
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         """Improve `problem.initial`; ends, limits and `problem.required_clearance` are kept."""
-        rounds = RoundOptions(spacing=self.spacing, shortest=0.5 * self.spacing, max_removals=self.removals)
+        rounds = RoundOptions(spacing=self.spacing, max_removals=self.removals)
         return improve(problem, self.at_knots(problem), rounds, on_iterate)
 
     def at_knots(self, problem: Problem) -> "Ipopt":

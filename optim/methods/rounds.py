@@ -22,6 +22,7 @@ import numpy as np
 from optim.arrays import Array, frozen
 from optim.methods.between import missing_between, raised
 from optim.methods.transcription import (
+    VANISHED,
     Knots,
     defects,
     gears_alternate,
@@ -89,8 +90,6 @@ class RoundOptions:
 
     spacing: float
     """Distance between knots [m]."""
-    shortest: float
-    """Segments shorter than this are merged away [m]."""
     max_rounds: int = 8
     """Solutions after the first, for clearance and new layouts."""
     max_removals: int = 3
@@ -166,7 +165,7 @@ def _descend(
         outcome = solve(knots, required, tell)
         tell.solutions += 1
         iterations += outcome.iterations
-        merged = merge_vanished(outcome.knots, options.shortest)
+        merged = merge_vanished(outcome.knots, VANISHED * options.spacing)
         if len(merged.phi) < len(outcome.knots.phi):
             knots = _seed(problem, merged, options.spacing)
             required = _required(problem, knots)

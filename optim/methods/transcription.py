@@ -29,6 +29,10 @@ from optim.vehicle import Vehicle, rk4
 
 FEWEST = 4
 """Intervals of a segment, at least: a short one may still bend."""
+STEP_RANGE = (0.01, 2.0)
+"""Least and largest step length, by the distance between knots: short enough to shrink a segment to nothing, not 0."""
+VANISHED = 0.5
+"""Length, by the distance between knots, below which a segment has shrunk to nothing."""
 LARGEST_SPACING = 0.1
 """Samples of a path that is given back are at most this far apart [m]."""
 

@@ -17,6 +17,8 @@ from optim.arrays import Array, IntArray
 from optim.problem import Problem
 from optim.separation import separations
 
+_MOST = 12  # polygons near one body at one knot; others join once a solution violates them
+
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
@@ -40,7 +42,7 @@ class Pairs:
 
 def pairs_within(problem: Problem, states: Array, required: Array, reach: float) -> Pairs:
     """The pairs whose clearance is less than required plus `reach` [m]; the ends are left out, they are fixed."""
-    rows = separations(problem.scene, problem.vehicle, states, float(required.max()) + reach, most=12)
+    rows = separations(problem.scene, problem.vehicle, states, float(required.max()) + reach, _MOST)
     near = rows.distance < required[rows.knot, rows.body] + reach
     inside = near & (rows.knot > 0) & (rows.knot < len(states) - 1)
     columns = (rows.knot[inside], rows.body[inside], rows.polygon[inside])
@@ -58,8 +60,8 @@ def half_planes(polygon: Array, origin: Array, length: float) -> tuple[Array, Ar
     return normal, np.sum(normal * vertices, axis=1)
 
 
-def starting_multipliers(a: Array, offsets: Array, normal: Array, heading: float) -> tuple[Array, Array]:
-    """lambda (n,) and mu (4,) whose normal A' lambda is the witness normal, for the polygon's half-planes.
+def starting_multipliers(a: Array, normal: Array, heading: float) -> tuple[Array, Array]:
+    """lambda (n,) and mu (4,) whose normal A' lambda is the witness normal, for a polygon's unit normals A (n, 2).
 
     The normal lies between those of the two edges that meet at the vertex farthest along it.
     """

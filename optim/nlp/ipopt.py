@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from optim.arrays import Array
+from optim.methods.between import missing_at_knots
 from optim.methods.rounds import Outcome, Report, Tell
-from optim.methods.transcription import Knots, defects, objective_of
+from optim.methods.transcription import STEP_RANGE, Knots, defects, objective_of
 from optim.nlp.duals import Pairs, pairs_within
 from optim.nlp.model import Program, Units, build
 from optim.problem import Problem
 from optim.result import Stop
-from optim.separation import separations
 
 _WORDS = {
     "Solve_Succeeded": (Stop.CONVERGED, "converged"),
@@ -23,8 +23,6 @@ _WORDS = {
     "Restoration_Failed": (Stop.STALLED, "IPOPT's restoration found no way back to the constraints"),
     "Search_Direction_Becomes_Too_Small": (Stop.STALLED, "IPOPT's steps became too small"),
 }
-
-
 _SHALLOW = 0.3  # [m]: a solution that overlaps by less may be warm-started from
 _VIOLATION = 1e-8  # IPOPT's tolerance on the constraints as they are stated
 _NEAR = 1.0  # [m]: pairs that near to a solution join those that it violates
@@ -46,7 +44,7 @@ class Ipopt:
 
     def __init__(self, problem: Problem, spacing: float, options: IpoptOptions) -> None:
         self.problem, self.options = problem, options
-        self.step_range = np.array([0.01, 2.0]) * spacing
+        self.step_range = np.array(STEP_RANGE) * spacing
         self.units = Units(origin=problem.initial.start[:2].copy(), length=problem.vehicle.wheelbase)
         self.remaining = options.time_limit
         self._last: Knots | None = None
@@ -121,11 +119,7 @@ class Ipopt:
     def violations(self, knots: Knots, required: Array) -> tuple[float, float]:
         """Largest defect [m or rad] and missing clearance at the knots [m]."""
         gaps, _ = defects(self.problem.vehicle, knots)
-        reach = float(required.max())
-        rows = separations(self.problem.scene, self.problem.vehicle, knots.states, reach, most=1)
-        inside = (rows.knot > 0) & (rows.knot < len(knots.phi) - 1)
-        short = np.where(inside, required[rows.knot, rows.body] - rows.distance, 0.0)
-        return float(np.abs(gaps).max()), float(max(short.max(initial=0.0), 0.0))
+        return float(np.abs(gaps).max()), float(missing_at_knots(self.problem, knots, required).max())
 
 
 class _Teller:

@@ -14,7 +14,7 @@ from optim.methods.transcription import Knots
 from optim.nlp.duals import Pairs, half_planes, starting_multipliers
 from optim.objective import Weights
 from optim.problem import Problem
-from optim.scene import witnesses
+from optim.scene import Scene, witnesses
 from optim.vehicle import Vehicle, body_poses
 
 _DUAL_START = 1e-2  # added to every multiplier at the start: an interior point method begins off its bounds
@@ -30,7 +30,6 @@ class Program:
     high: Array
     low_g: Array
     high_g: Array
-    cost_scale: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,19 +41,22 @@ class Units:
 
 
 class _Columns:
-    """Unknowns and constraints with their bounds, collected block by block."""
+    """Unknowns, or constraints, with their bounds, collected block by block."""
 
     def __init__(self) -> None:
-        self.parts: list[list[Any]] = [[], [], [], []]
+        self.symbols: list[Any] = []
+        self.low: list[Array] = []
+        self.high: list[Array] = []
+        self.start: list[Array] = []
+        """Of unknowns only."""
 
     def add(self, symbol: Any, low: Array, high: Array, start: Array | None = None) -> Any:
-        empty = np.zeros(0) if start is None else start
-        for part, value in zip(self.parts, (symbol, low, high, empty), strict=True):
-            part.append(value)
+        self.symbols.append(symbol)
+        self.low.append(np.ravel(low))
+        self.high.append(np.ravel(high))
+        if start is not None:
+            self.start.append(np.ravel(start))
         return symbol
-
-    def numbers(self, index: int) -> Array:
-        return np.concatenate([np.ravel(value) for value in self.parts[index]])
 
 
 def step_function(vehicle: Vehicle, length: float) -> Any:
@@ -129,15 +131,15 @@ def build(problem: Problem, knots: Knots, required: Array, pairs: Pairs, units: 
     for index, run in enumerate(runs):
         share[run, index] = 1.0 / steps[index]
     h = ca.mtimes(ca.DM(ca.sparsify(ca.DM(share))), lengths)
-    cost, scale = _objective(problem.weights, knots, phi, h, length)
+    cost = _objective(problem.weights, knots, phi, h, length)
     _dynamics(vehicle, knots, q, phi, h, g, length)
     _clearances(problem, knots, required, pairs, q, x, g, units)
-    nlp = {"x": ca.vertcat(*x.parts[0]), "f": cost, "g": ca.vertcat(*g.parts[0])}
-    return Program(nlp, x.numbers(3), x.numbers(1), x.numbers(2), g.numbers(1), g.numbers(2), scale)
+    nlp = {"x": ca.vertcat(*x.symbols), "f": cost, "g": ca.vertcat(*g.symbols)}
+    return Program(nlp, *(np.concatenate(parts) for parts in (x.start, x.low, x.high, g.low, g.high)))
 
 
-def _objective(weights: Weights, knots: Knots, phi: Any, h: Any, length: float) -> tuple[Any, float]:
-    """J divided by its scale, less the constant of the gear changes, and that scale."""
+def _objective(weights: Weights, knots: Knots, phi: Any, h: Any, length: float) -> Any:
+    """J divided by the size of its terms, less the constant of the gear changes."""
     import casadi as ca
 
     drives, cusps = np.flatnonzero(knots.gear).tolist(), np.flatnonzero(knots.gear == 0).tolist()
@@ -150,8 +152,7 @@ def _objective(weights: Weights, knots: Knots, phi: Any, h: Any, length: float) 
         jump = phi[[k + 1 for k in cusps]] - phi[cusps]
         value += weights.jump * ca.sum1(jump * jump)
     scale = weights.length * length + weights.rate / length
-    scale = scale if scale > 0.0 else 1.0
-    return value / scale, scale
+    return value / (scale if scale > 0.0 else 1.0)
 
 
 def _dynamics(vehicle: Vehicle, knots: Knots, q: Any, phi: Any, h: Any, g: _Columns, length: float) -> None:
@@ -187,7 +188,7 @@ def _clearances(
         starts, data = [], []
         for p in mine:
             a, offsets = planes[int(pairs.polygon[p])]
-            start = starting_multipliers(a, offsets, normals[p], float(headings[pairs.knot[p], body]))
+            start = starting_multipliers(a, normals[p], float(headings[pairs.knot[p], body]))
             starts.append(np.concatenate(start) + _DUAL_START)
             data.append(np.concatenate([a[:, 0], a[:, 1], offsets]))
         width = count + 4
@@ -204,8 +205,6 @@ def _clearances(
 
 def _normals(problem: Problem, knots: Knots, pairs: Pairs) -> Array:
     """Witness normal of each pair, from obstacle to body. Shape (P, 2)."""
-    from optim.scene import Scene
-
     out = np.empty((len(pairs.knot), 2))
     for m in np.unique(pairs.polygon):
         alone = Scene(polygons=(problem.scene.polygons[m],))

@@ -16,14 +16,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optim.arrays import Array
+from optim.methods.between import missing_at_knots
 from optim.methods.rounds import Outcome, Report, Tell
-from optim.methods.transcription import Knots, defects, objective_of
+from optim.methods.transcription import STEP_RANGE, VANISHED, Knots, defects, objective_of
 from optim.problem import Problem
 from optim.result import Stop
 from optim.scp.linearisation import Linearisation, Scales, linearise
 from optim.scp.restoration import hitch_excess, moved, rate_excess, restore
 from optim.scp.subproblem import Limits, Penalty, Step, solve_subproblem
-from optim.separation import separations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,15 +38,15 @@ class LoopOptions:
     weight: float
     corrections: int
     time_limit: float
-    shortest: float
 
 
 _LEAST_RADIUS, _LARGEST_RADIUS = 1e-4, 10.0  # relative to the first
-_SHRINK_BELOW, _GROW_ABOVE = 0.25, 0.7  # ratio of actual to predicted decrease (Oguri 2023)
-_LARGEST_WEIGHT = 1e8
-_SETTLED, _SETTLED_RATIO = 0.1, 0.5
+_ACCEPT_ABOVE, _SHRINK_BELOW, _GROW_ABOVE = 1e-3, 0.25, 0.7  # ratio of actual to predicted decrease (Oguri 2023)
+_AT_BOUND = 0.9  # share of the radius from which on a step counts as held by the trust region
+_LARGEST_WEIGHT = 1e8  # at which the violation is all that counts
 # a step that small, in scaled units, whose decrease is as predicted: the next would gain less than a third of the
 # tolerance (largest share seen on the sample logs: 0.29), and costs as much as this one
+_SETTLED, _SETTLED_RATIO = 0.1, 0.5
 _NEARLY = 1e-2  # violation at which a vanished segment need not wait for convergence: merging opens a gap anyway
 _PATIENCE = 12  # sub-problems at the largest weight that do not halve the violation: nothing near is feasible
 _FEWER = 0.3  # a violation that has not fallen to this share after a step makes the weight grow
@@ -100,9 +100,10 @@ class Loop:
 
     def __call__(self, knots: Knots, required: Array, tell: Tell) -> Outcome:
         options = self.options
-        limits = Limits(required=required, shortest=0.01 * self.spacing, longest=2.0 * self.spacing)
+        shortest, longest = (share * self.spacing for share in STEP_RANGE)
+        limits = Limits(required=required, shortest=shortest, longest=longest)
         point = self._evaluate(knots, limits)
-        penalty, radius = self._begin(knots)
+        penalty, radius = self._first_penalty(knots), 1.0
         curvature, patience, self._sound, self._near = 1.0, _Patience(), None, None
         for iteration in range(1, options.max_iterations + 1):
             near = linearise(self.problem, point.knots, self.scales, penalty.dynamics, self._reach(limits, radius))
@@ -120,7 +121,7 @@ class Loop:
             trial = self._corrected(point, near, step, limits, penalty)
             actual = point.merit(penalty) - trial.merit(penalty)
             size, reach = _size(step), step.reach / options.trust_region
-            accepted = actual > 0.0 and actual >= 1e-3 * predicted
+            accepted = actual > 0.0 and actual >= _ACCEPT_ABOVE * predicted
             optimality = self._optimality(point, predicted, actual, size)
             converged = optimality <= 1.0
             tell(self._report(trial, optimality, size, accepted, radius, step.solver_s))
@@ -128,7 +129,7 @@ class Loop:
                 before, point = point.violation, trial
                 penalty = self._updated(penalty, step, point, before)
                 self._remember(point)
-                if point.violation <= _NEARLY and _has_vanished(point.knots, options.shortest):
+                if point.violation <= _NEARLY and _has_vanished(point.knots, VANISHED * self.spacing):
                     return self._end(point, penalty, Stop.CONVERGED, iteration)
             if point.violation <= options.feasibility:
                 if converged:
@@ -144,7 +145,7 @@ class Loop:
             elif patience.is_over(point.violation, penalty.weight):
                 return self._end(point, penalty, Stop.INFEASIBLE, iteration)
             ratio = actual / predicted if predicted > 0.0 else 1.0
-            curvature = _next_curvature(curvature, ratio, at_bound=reach > 0.9 * radius)
+            curvature = _next_curvature(curvature, ratio, at_bound=reach > _AT_BOUND * radius)
             radius = _next_radius(radius, reach, ratio)
             if radius < _LEAST_RADIUS:
                 return self._end(point, penalty, Stop.STALLED, iteration)
@@ -152,22 +153,17 @@ class Loop:
                 return self._end(point, penalty, Stop.TIME_LIMIT, iteration)
         return self._end(point, penalty, Stop.ITERATION_LIMIT, options.max_iterations)
 
-    def _begin(self, knots: Knots) -> tuple[Penalty, float]:
-        """Multipliers and radius to begin with: those of the last solution where it goes on from its knots."""
+    def _first_penalty(self, knots: Knots) -> Penalty:
+        """Weight and multipliers to begin with: those of the last solution where it goes on from its knots."""
         if self._last is not None and self._last[0] is knots:
-            return self._last[1], 1.0
-        return Penalty(self.options.weight, np.zeros((len(knots.h), 4)), np.zeros((len(knots.phi), 2))), 1.0
+            return self._last[1]
+        return Penalty(self.options.weight, np.zeros((len(knots.h), 4)), np.zeros((len(knots.phi), 2)))
 
     def _evaluate(self, knots: Knots, limits: Limits) -> _Point:
-        gaps, _ = defects(self.problem.vehicle, knots)
-        reach = float(limits.required.max())
-        rows = separations(self.problem.scene, self.problem.vehicle, knots.states, reach, most=1)
-        missing = np.zeros((len(knots.phi), 2))
-        short = limits.required[rows.knot, rows.body] - rows.distance
-        np.maximum.at(missing, (rows.knot, rows.body), short)
-        missing[[0, -1]] = 0.0  # nothing can be done about the ends
-        value = objective_of(knots, self.problem.weights) / self.scales.cost
         vehicle = self.problem.vehicle
+        gaps, _ = defects(vehicle, knots)
+        missing = missing_at_knots(self.problem, knots, limits.required)
+        value = objective_of(knots, self.problem.weights) / self.scales.cost
         excess = np.concatenate([hitch_excess(vehicle, knots), rate_excess(vehicle, knots)]) / self.scales.angle
         return _Point(knots, value, gaps / self.scales.state, missing / self.scales.length, excess)
 
@@ -295,7 +291,7 @@ def _next_radius(radius: float, reach: float, ratio: float) -> float:
     """Smaller where the model was wrong, than the step too; larger where it was right and the step at its bound."""
     if ratio < _SHRINK_BELOW:
         return 0.5 * min(radius, reach)
-    return min(3.0 * radius, _LARGEST_RADIUS) if ratio > _GROW_ABOVE and reach > 0.9 * radius else radius
+    return min(3.0 * radius, _LARGEST_RADIUS) if ratio > _GROW_ABOVE and reach > _AT_BOUND * radius else radius
 
 
 def _next_curvature(curvature: float, ratio: float, at_bound: bool) -> float:

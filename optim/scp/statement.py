@@ -31,11 +31,14 @@ VACUOUS: Final = 1e6
 SLOTS: Final = 6
 """Collision rows of each knot and body."""
 BUCKET: Final = 32
+"""Numbers of knots are rounded up to a multiple of this."""
 LINEAR: Final = {"phi": "g_phi", "h": "g_h", "nu": "lambda", "zeta": "mu"}
 """The parameter that each variable is multiplied with in the objective."""
 
-_DEPENDS: Final = {0: (2,), 1: (2,), 2: (), 3: (3,)}  # on which states, besides itself, an interval's end depends
-_DIAGONAL: Final = {0: True, 1: True, 2: True, 3: False}  # whether its own state enters with factor one
+DEPENDS: Final = ((2,), (2,), (), (3,))
+"""On which states of its start each state of an interval's end depends by a factor of its own; see `OWN`."""
+OWN: Final = (True, True, True, False)
+"""Whether a state's own value enters with the factor one besides: x, y and theta are what they were plus a change."""
 
 
 def bucket(num_knots: int) -> int:
@@ -116,9 +119,9 @@ def statement(num_knots: int) -> Statement:
 
     def reached(c: int) -> Any:
         """Row c of the linearised end of each interval."""
-        inputs = [(f"A{c}{j}", left[:, j]) for j in _DEPENDS[c]]
+        inputs = [(f"A{c}{j}", left[:, j]) for j in DEPENDS[c]]
         inputs += [(f"B{c}", before), (f"B'{c}", after), (f"C{c}", h)]
-        own = left[:, c] if _DIAGONAL[c] else 0.0
+        own = left[:, c] if OWN[c] else 0.0
         return sum((cp.multiply(given(name, M), value) for name, value in inputs), own)
 
     def clear(body: int) -> Any:

@@ -10,7 +10,7 @@ from scipy import sparse
 from optim.arrays import Array, frozen
 from optim.methods.transcription import Knots
 from optim.scp.linearisation import Linearisation, Scales
-from optim.scp.statement import SLOTS, VACUOUS, Statement, bucket, statement
+from optim.scp.statement import DEPENDS, OWN, SLOTS, VACUOUS, Statement, bucket, statement
 from optim.vehicle import Vehicle
 
 _NOTHING: Final = frozen(np.zeros(0))
@@ -50,7 +50,6 @@ class Step:
     """"optimal", or the solver's word for what went wrong; only then are the numbers below of use."""
     solver_s: float
     """Time in the solver, by its own account [s]."""
-    solver_iterations: int = 0
     q: Array = field(default_factory=lambda: _NOTHING)
     """Change of the states. Shape (K, 4)."""
     phi: Array = field(default_factory=lambda: _NOTHING)
@@ -112,13 +111,16 @@ def parameter_values(
         values[name] = out
 
     jac = near.jacobian
-    for c, columns in ((0, (2,)), (1, (2,)), (2, ()), (3, (3,))):
-        for j in columns:
-            pad(f"A{c}{j}", jac[:, c, j], 1.0 if c == 3 else 0.0, size - 1)
+    for c in range(4):
+        for j in DEPENDS[c]:
+            pad(f"A{c}{j}", jac[:, c, j], 0.0 if OWN[c] else 1.0, size - 1)
         for name, j in (("B", 4), ("B'", 5), ("C", 6)):
             pad(f"{name}{c}", np.where(drives, jac[:, c, j], 0.0), 0.0, size - 1)
         pad(f"defect{c}", near.defects[:, c], 0.0, size - 1)
-    factor = np.where(drives[:, None, None], near.factor, near.factor * _CUSP)
+    factor = near.factor.copy()
+    in_cost = np.zeros((5, 5))
+    in_cost[2:4, 2:4] = 1.0  # of a gear change: only the jump of the steering
+    factor[~drives] *= in_cost
     factor[~drives, 4, 4] = 1.0
     for i in range(5):
         for j in range(i, 5):
@@ -136,10 +138,6 @@ def parameter_values(
     _fill_bounds(pad, vehicle, knots, scales, limits, radius, size)
     _fill_rows(values, near, scales, limits, size)
     return values
-
-
-_CUSP = np.zeros((5, 5))
-_CUSP[2:4, 2:4] = 1.0  # in a gear change only the jump of the steering has a cost
 
 
 def _fill_bounds(
@@ -223,10 +221,10 @@ def _solve_clarabel(stated: Statement, values: dict[str, Array], count: int, tim
     solution = solver.DefaultSolver(upper, data.q, matrix, data.b[keep], cones, settings).solve()
     status = "optimal" if solution.status == solver.SolverStatus.Solved else str(solution.status)
     if status != "optimal":
-        return Step(status, solution.solve_time, solution.iterations)
+        return Step(status, solution.solve_time)
     multipliers = np.asarray(solution.z)[: 4 * (stated.num_knots - 1)].reshape(4, -1).T
     unpacked = stated.unpack(np.asarray(solution.x))
-    return _step(unpacked, multipliers, count, status, solution.solve_time, solution.iterations)
+    return _step(unpacked, multipliers, count, solution.solve_time)
 
 
 def _solve_cvxpy(stated: Statement, values: dict[str, Array], count: int, solver: str) -> Step:
@@ -241,23 +239,19 @@ def _solve_cvxpy(stated: Statement, values: dict[str, Array], count: int, solver
             stated.problem.solve(solver=solver.upper(), enforce_dpp=True)
     except cp.SolverError as error:
         return Step(f"solver error: {' '.join(str(error).split())}", 0.0)
-    stats = stated.problem.solver_stats
-    solver_s = float(stats.solve_time or 0.0)
+    solver_s = float(stated.problem.solver_stats.solve_time or 0.0)
     if stated.problem.status != cp.OPTIMAL:
         return Step(stated.problem.status, solver_s)
     solved = {name: np.asarray(variable.value) for name, variable in stated.variables.items()}
     multipliers = np.stack([np.asarray(stated.problem.constraints[c].dual_value) for c in range(4)], axis=1)
-    return _step(solved, multipliers, count, "optimal", solver_s, int(stats.num_iters or 0))
+    return _step(solved, multipliers, count, solver_s)
 
 
-def _step(
-    values: dict[str, Array], multipliers: Array, count: int, status: str, solver_s: float, iterations: int
-) -> Step:
+def _step(values: dict[str, Array], multipliers: Array, count: int, solver_s: float) -> Step:
     """The solution without the padding."""
     return Step(
-        status,
+        "optimal",
         solver_s,
-        iterations,
         q=values["q"][:count],
         phi=values["phi"][:count],
         h=values["h"][: count - 1],

@@ -27,12 +27,6 @@ _SLOWEST = 0.1  # of |B'| by the distance: below it the curve is close to a cusp
 _HOPELESS = 2.2  # load of a candidate on the grid above which the pattern search rarely ends within the limits
 
 
-def control_points(coefficients: Array) -> Array:
-    """The eight control points of the curve with power coefficients (8, 2) [m]. Shape (8, 2)."""
-    weights = [[math.comb(j, i) / math.comb(7, i) for i in range(8)] for j in range(8)]
-    return np.asarray(weights) @ coefficients
-
-
 @kernel(error_model="numpy")
 def coefficients(start, goal, a0, a1, c):
     """Fill c (8, 2) for tangent lengths a0, a1 [m]; start = (k0, s0), goal = (x, y, theta, k1, s1)."""
