@@ -190,6 +190,18 @@ def test_poses_of_another_point_of_the_truck_are_moved_to_its_rear_axle(
     assert refusal(make.log_of(moved), **options).code == "E_PATH_HEADING"
 
 
+@pytest.mark.parametrize("offset", [3.6, -1.0])
+@pytest.mark.parametrize("heading", [0.0, 0.5])
+def test_a_straight_drive_is_moved_to_the_rear_axle_though_its_headings_are_equal(
+    read: Read, heading: float, offset: float
+) -> None:
+    along = np.array([np.cos(heading), np.sin(heading)])
+    xy = np.array([20.0, 15.0]) + np.arange(0.0, 15.0, 0.25)[:, None] * along
+    poses = np.column_stack([xy + offset * along, np.full(len(xy), heading)])
+    (case,) = read(make.log_of(poses), reference_offset=offset)
+    np.testing.assert_allclose(case.problem.recorded.start[:3], [*xy[0], heading], atol=1e-9)
+
+
 # ---- poses one by one
 
 
