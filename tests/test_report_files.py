@@ -63,8 +63,8 @@ def test_junit_has_one_case_for_each_result_and_failures_name_what_decided(faile
 
 
 def test_junit_counts_results_that_are_missing_and_logs_that_cannot_be_read(tmp_path):
-    bad = maker.log("odd_01", 1, error="odd_01.mcap: no map [E_NO_MAP]", cases=[])
-    refused = maker.log("odd_02", 2, error="odd_02.mcap: cut [E_CUT]", expect="E_CUT", cases=[])
+    bad = maker.log("odd_01", 1, error={"code": "E_NO_MAP", "message": "odd_01.mcap: no map"}, cases=[])
+    refused = maker.log("odd_02", 2, error={"code": "E_CUT", "message": "odd_02.mcap: cut"}, expect="E_CUT", cases=[])
     gone = maker.verdict("open_99", "scp", "", "missing", None, None)
     run = read_run(maker.write_run(tmp_path / "run", [bad, refused], [gone]))
     root = ET.fromstring(junit(run))
@@ -225,7 +225,7 @@ def test_the_command_gives_the_summary_as_json(call, failed):
 
 
 def test_a_log_that_could_not_be_read_unexpectedly_is_another_status(call, tmp_path):
-    bad = maker.log("odd_01", 1, error="odd_01.mcap: no map [E_NO_MAP]", cases=[])
+    bad = maker.log("odd_01", 1, error={"code": "E_NO_MAP", "message": "odd_01.mcap: no map"}, cases=[])
     found = maker.logs(1)
     run = maker.write_run(tmp_path / "a", [*found, bad], maker.unchanged(found))
     assert call("report", run)[0] == 3
