@@ -161,7 +161,8 @@ def test_the_trend_holds_whole_runs_up_to_this_one_and_marks_other_logs(tmp_path
     ]
     for day, count, head in heads:
         maker.write_run(runs / f"2026-03-0{day}T02-00-00Z_a", maker.logs(count), **head)
-    make_report(runs / "2026-03-01T02-00-00Z_a")
+    for day in (1, 3):  # the others have no summary
+        make_report(runs / f"2026-03-0{day}T02-00-00Z_a")
     here = maker.write_run(runs / "2026-03-05T02-00-00Z_a", maker.logs(6))
     later = maker.write_run(runs / "2026-03-06T02-00-00Z_a", maker.logs(6))
     points = trend(read_run(here), runs)
