@@ -47,7 +47,7 @@ class Definitions:
         """Read a Channel record; the channel if it is new. Raises as `add_schema` does."""
         channel = read_channel(cursor, self.schemas)
         known = self.by_id.get(channel.id)
-        if known is not None and known[:3] + known[4:] != channel[:3] + channel[4:]:
+        if known is not None and known._replace(schema=None) != channel._replace(schema=None):
             text = (
                 f"channel {channel.id} is topic {known.topic!r} first and later {channel.topic!r} or otherwise encoded"
             )
