@@ -178,16 +178,16 @@ def overlay(comparison: Comparison) -> tuple[Run, dict[str, Style]]:
     """
     a, b = comparison.a, comparison.b
     chosen = [
-        (side, method, pair)
+        (method, which)
         for pair in comparison.pairs
-        for side, entry, pair in ((a, pair.a, "A"), (b, pair.b, "B"))
+        for side, entry, which in ((a, pair.a, "A"), (b, pair.b, "B"))
         if (method := _method(side.run, entry.method)) is not None
     ]
-    names = [method.name for _, method, _ in chosen]
+    names = [method.name for method, _ in chosen]
     known = styles(dict.fromkeys(names))
     looks: dict[str, Style] = {}
     methods: list[MethodRun] = []
-    for _, method, which in chosen:
+    for method, which in chosen:
         style = known[method.name]
         name = method.name
         if names.count(name) > 1:

@@ -25,25 +25,13 @@ from replay.logs.append import NewTopic, append
 from replay.logs.bag import write_bag
 from replay.logs.container import scan
 from replay.logs.folder import open_log
+from replay.logs.ros2_definitions import PATH as DEFINITION
 from replay.logs.topics import EXPORTED
 
 if TYPE_CHECKING:
     from replay.run import MethodRun, Run
 
 PATH: Final = "nav_msgs/msg/Path"
-_SEPARATOR: Final = "\n" + 80 * "=" + "\n"
-DEFINITION: Final = _SEPARATOR.join(
-    [
-        "std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n",
-        "MSG: geometry_msgs/PoseStamped\nstd_msgs/Header header\ngeometry_msgs/Pose pose\n",
-        "MSG: geometry_msgs/Pose\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
-        "MSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n",
-        "MSG: geometry_msgs/Quaternion\nfloat64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n",
-        "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n",
-        "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
-    ]
-)
-"""Of `nav_msgs/msg/Path` with all that it uses, in the encoding `ros2msg`."""
 _SECOND: Final = 1_000_000_000
 
 

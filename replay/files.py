@@ -37,7 +37,7 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[pathlib.Path]:
             yield temporary
             _sync(temporary)
             temporary.replace(target)
-        _sync_directory(target.parent)
+        sync_directory(target.parent)
     except OSError as error:
         raise _unwritable(target, error) from error
 
@@ -130,12 +130,16 @@ def _sync(path: pathlib.Path) -> None:
         os.fsync(file.fileno())
 
 
-def _sync_directory(path: pathlib.Path) -> None:
+def sync_directory(path: pathlib.Path) -> None:
+    """Have the names in a folder survive a power failure, where its file system can do that. Raises OSError."""
     descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)
     except OSError as error:
-        if error.errno != errno.EINVAL:  # a file system that does not sync directories; the file itself is safe
+        if error.errno not in (
+            errno.EINVAL,
+            errno.ENOTSUP,
+        ):  # a file system that does not sync directories; the file itself is safe
             raise
     finally:
         os.close(descriptor)

@@ -17,7 +17,7 @@ from optim.path import Path
 from optim.problem import Problem
 from optim.result import Iterate, Picture, Result, Stop
 from replay.case import Case
-from replay.results import path_to_document, scene_to_document
+from replay.results import LEAST_GAIN, path_to_document, scene_to_document
 from replay.solving import OnNamedIterate, OnStart, Solved, SolveEach, solve_in_turn
 
 Status = Literal["improved", "kept", "failed"]
@@ -28,8 +28,6 @@ LEAST_VIOLATION = 1e-4
 """Violation, in the method's own scaling, from which on an iterate is not worth an audit."""
 MOST_TRIED = 10
 """Iterates of a method without a result that are audited, at most."""
-LEAST_GAIN = 1e-9
-"""Relative gain in J below which a path is no better than the recorded one: rounding alone reaches 1e-12."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

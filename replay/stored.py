@@ -2,8 +2,8 @@
 
 import math
 import pathlib
-from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -17,22 +17,11 @@ from replay.errors import ReplayError
 from replay.results import RESULTS_ERROR, path_from_document
 from replay.run import MethodRun, Run
 
-_Made = TypeVar("_Made")
-
 
 def run_of(document: Mapping[str, Any], source: str) -> Run:
     """The run of a results document that `read_results` has read. ReplayError (E_RESULTS) where a field is no good."""
-    return _within(source, lambda: _run(document))
-
-
-def problem_of(document: Mapping[str, Any], source: str) -> Problem:
-    """The problem of such a document. ReplayError (E_RESULTS) where a field is no good."""
-    return _within(source, lambda: _problem(document))
-
-
-def _within(source: str, make: Callable[[], _Made]) -> _Made:
     try:
-        return make()
+        return _run(document)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         what = f"{type(error).__name__}: {' '.join(str(error).split())}"
         raise ReplayError(RESULTS_ERROR, f"{source}: its run cannot be rebuilt: {what}") from error

@@ -71,10 +71,10 @@ def _spare(name: str, taken: set[Colour]) -> Colour:
     return next((colour for colour in turns if colour not in taken), turns[0])
 
 
-def as_uint32(colour: Colour, alpha: int = 255) -> int:
-    """0xRRGGBBAA, the form that columns of colours take."""
+def as_uint32(colour: Colour) -> int:
+    """0xRRGGBBAA, opaque: the form that columns of colours take."""
     red, green, blue = colour
-    return red << 24 | green << 16 | blue << 8 | alpha
+    return red << 24 | green << 16 | blue << 8 | 255
 
 
 def lighter(colour: Colour) -> Colour:

@@ -20,7 +20,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection, wait
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -169,9 +169,7 @@ class Workers:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for worker in self._workers:
             worker.end()
 
@@ -245,13 +243,22 @@ def _serve(pipe: Connection, parents: Connection, memory_mib: int | None, parent
         signal.signal(number, signal.SIG_DFL)  # what the parent does on these is not for the child
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
     limit_memory(memory_mib)
+
+    def say(kind: str, body: object) -> None:
+        _send(pipe, (kind, body))
+
     with contextlib.suppress(EOFError, OSError):
         while True:
             problem, method, limit, by_processor = pickle.loads(pipe.recv_bytes())
-            tell: Callable[[Any], None] = lambda iterate: _send(pipe, ("iterate", iterate))  # noqa: E731
-            told: Callable[[bool], None] = lambda on: _send(pipe, ("compiling", on))  # noqa: E731
-            solved = solve(problem, method, tell, time_limit=limit, by_processor=by_processor, on_compiling=told)
-            _send(pipe, ("solved", solved))
+            solved = solve(
+                problem,
+                method,
+                partial(say, "iterate"),
+                time_limit=limit,
+                by_processor=by_processor,
+                on_compiling=partial(say, "compiling"),
+            )
+            say("solved", solved)
 
 
 @contextlib.contextmanager

@@ -44,7 +44,6 @@ def method(name: str, before: float, scale: float = 1.0, status: str = "improved
         "audit": audit(),
         "work": {"iterations": 12, "evaluations": 400},
         "wall_s": 0.1 + 0.4 * len(name),
-        "recording": None,
     }
     return entry | more
 
@@ -115,7 +114,7 @@ def write_run(
         "methods": list(METHODS),
         "options": {"seed": 0, "time_limit_s": 60.0},
         "complete": True,
-        "partial": False,
+        "partial": "",
     }
     (folder / "run.json").write_text(json.dumps(about | head))
     for i, entry in enumerate(logs):
@@ -138,7 +137,7 @@ def regressed(folder: pathlib.Path) -> pathlib.Path:
         (scp,) = (m for m in entry["cases"][0]["methods"] if m["name"] == "scp")
         before = scp["metrics"]["objective"]
         scp["metrics"]["objective"] = 1.005 * before
-        scp["recording"] = f"recordings/{entry['log']}.rrd"
+        entry["cases"][0]["recording"] = f"recordings/{entry['log']}.rrd"
         verdicts.append(verdict(entry["log"], "scp", "objective", "worse", before, 1.005 * before))
     crash = verdict(found[4]["log"], "nlp", "status", "crashed", "improved", "failed", rel_tol=None, abs_tol=None)
     verdicts.append(crash)

@@ -1,6 +1,8 @@
 """Frames that differ, and hitch angles from what is no path: joints and transforms."""
 
+import tracemalloc
 from collections.abc import Callable
+from pathlib import Path
 
 import logs_maker as make
 import numpy as np
@@ -8,6 +10,9 @@ import pytest
 
 from replay.case import Case
 from replay.errors import LogError
+from replay.logs.folder import open_log
+from replay.logs.frames import Frames
+from replay.logs.topics import is_wanted, topics_of
 
 Read = Callable[..., list[Case]]
 Refusal = Callable[..., LogError]
@@ -61,6 +66,29 @@ def test_paths_in_another_frame_are_put_into_the_maps(read: Read, backwards: boo
     same(case)
     assert (case.frame, case.read.hitch) == ("map", "trailer path")
     assert any("a transform of the log puts it into 'map'" in note for note in case.read.notes)
+
+
+def test_a_static_transform_whose_quaternion_is_repeated_with_the_other_sign_stands_still(read: Read) -> None:
+    odom = (12.0, -3.0, np.pi)
+    maker = make.LogMaker().vehicle().add("/map", make.grid(make.yard()), 1)
+    for yaw in (np.pi, -np.pi):
+        maker.add("/tf", make.transforms(make.transform("map", "odom", (*odom[:2], yaw))), 1)
+    maker.add("/truck", make.path(seen_from(TRUCK, odom), "odom"), 2)
+    (case,) = read(maker.add("/trailer", make.path(seen_from(AXLE, odom), "odom"), 2))
+    same(case)
+
+
+def test_a_long_chain_of_frames_takes_little_memory(tmp_path: Path) -> None:
+    links = [make.transform(f"f{i}", f"f{i + 1}", (1.0, 0.0, 0.0)) for i in range(3000)]
+    file = make.LogMaker().add("/tf", make.transforms(*links), 1).write(tmp_path / "chain.mcap")
+    frames = Frames(topics_of(open_log(file, is_wanted)))
+    tracemalloc.start()
+    try:
+        moved = frames.moved(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]), "f3000", "f0")
+        assert tracemalloc.get_traced_memory()[1] < 16 << 20
+    finally:
+        tracemalloc.stop()
+    np.testing.assert_allclose(moved[0, :3], [3000.0, 0.0, 0.0])
 
 
 def test_frames_that_nothing_static_relates_are_refused_by_both_names(refusal: Refusal) -> None:

@@ -1,6 +1,7 @@
 """Every ROS 2 message type that may hold a map or a path, from the bytes to a case."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import logs_maker as make
@@ -16,7 +17,10 @@ from replay.case import Case
 from replay.errors import LogError
 from replay.logs.cdr import CdrError
 from replay.logs.content import Joints, PoseSeries, Ring, Transform
+from replay.logs.folder import open_log
 from replay.logs.ros2 import FAMILIES
+from replay.logs.topics import is_wanted
+from replay.logs.understood import uses
 
 Read = Callable[..., list[Case]]
 Refusal = Callable[..., LogError]
@@ -186,6 +190,18 @@ def test_poses_of_another_point_of_the_truck_are_moved_to_its_rear_axle(
     assert refusal(make.log_of(moved), **options).code == "E_PATH_HEADING"
 
 
+@pytest.mark.parametrize("offset", [3.6, -1.0])
+@pytest.mark.parametrize("heading", [0.0, 0.5])
+def test_a_straight_drive_is_moved_to_the_rear_axle_though_its_headings_are_equal(
+    read: Read, heading: float, offset: float
+) -> None:
+    along = np.array([np.cos(heading), np.sin(heading)])
+    xy = np.array([20.0, 15.0]) + np.arange(0.0, 15.0, 0.25)[:, None] * along
+    poses = np.column_stack([xy + offset * along, np.full(len(xy), heading)])
+    (case,) = read(make.log_of(poses), reference_offset=offset)
+    np.testing.assert_allclose(case.problem.recorded.start[:3], [*xy[0], heading], atol=1e-9)
+
+
 # ---- poses one by one
 
 
@@ -225,6 +241,11 @@ def test_poses_that_come_one_by_one_make_a_path(read: Read, one: Callable[..., A
     (plain,) = read(make.sound_log(trailer=False))
     np.testing.assert_allclose(case.problem.recorded.samples.states, plain.problem.recorded.samples.states, atol=1e-9)
     assert case.read.poses == len(TRUCK)
+
+
+def test_info_counts_poses_that_come_one_by_one(tmp_path: Path) -> None:
+    log = open_log(streamed(odometry).write(tmp_path / "driven.mcap"), is_wanted)
+    assert {use.text for use in uses(log)} == {"map: grid, 60000 cells", f"poses one by one, {len(TRUCK)} poses"}
 
 
 def test_beside_a_path_single_poses_are_used_only_where_an_option_names_them(read: Read, refusal: Refusal) -> None:

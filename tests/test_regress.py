@@ -16,7 +16,8 @@ from optim.methods import METHODS
 from replay.cli import main
 from replay.errors import ReplayError
 from replay.regress.baseline import read_baseline
-from replay.regress.running import Execute, carry_out, end, remaining, resumed, start
+from replay.regress.finish import finish
+from replay.regress.running import Execute, carry_out, remaining, resumed, start
 from replay.regress.slot import Slot
 
 BAY = tuple(help.LENGTHS.values())
@@ -203,7 +204,7 @@ def test_a_run_that_was_broken_off_is_resumed_with_exactly_the_rest(corpus, runs
     assert rest.done() == done
     assert not (store.logs / ".left.tmp").exists()
     assert help.attempts(rest).count("dock_01") == 1
-    assert end(rest, runs, "")["state"] == "passed"
+    assert finish(rest.folder, runs, "")["state"] == "passed"
     with pytest.raises(ReplayError, match="no unfinished run"):
         resumed(plan, runs)
 

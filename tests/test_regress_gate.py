@@ -1,7 +1,9 @@
 """What counts as worse, what a baseline keeps, which logs a corpus has."""
 
+import errno
 import io
 import json
+import os
 import pathlib
 
 import pytest
@@ -310,6 +312,24 @@ def test_results_are_plain_json(tmp_path):
     store.make()
     store.publish({"log": "a", "schema": "replay.run.log/1", "x": float("inf"), "y": (1, 2)})
     assert json.loads(store.file("a").read_text()) == {"log": "a", "schema": "replay.run.log/1", "x": None, "y": [1, 2]}
+
+
+def test_a_folder_that_cannot_keep_a_name_is_told_and_one_that_never_does_so_is_no_error(tmp_path, monkeypatch):
+    store = Store(tmp_path)
+    store.make()
+
+    def failing(number: int):
+        def sync(descriptor: int) -> None:
+            if os.readlink(f"/proc/self/fd/{descriptor}") == str(store.logs):  # noqa: PTH115 - of a descriptor
+                raise OSError(number, os.strerror(number))
+
+        return sync
+
+    monkeypatch.setattr(os, "fsync", failing(errno.ENOTSUP))
+    assert store.publish({"log": "a", "schema": "replay.run.log/1"})
+    monkeypatch.setattr(os, "fsync", failing(errno.EIO))
+    with pytest.raises(ReplayError, match="Input/output error"):
+        store.publish({"log": "b", "schema": "replay.run.log/1"})
 
 
 # ---- progress

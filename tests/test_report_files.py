@@ -63,8 +63,8 @@ def test_junit_has_one_case_for_each_result_and_failures_name_what_decided(faile
 
 
 def test_junit_counts_results_that_are_missing_and_logs_that_cannot_be_read(tmp_path):
-    bad = maker.log("odd_01", 1, error="odd_01.mcap: no map [E_NO_MAP]", cases=[])
-    refused = maker.log("odd_02", 2, error="odd_02.mcap: cut [E_CUT]", expect="E_CUT", cases=[])
+    bad = maker.log("odd_01", 1, error={"code": "E_NO_MAP", "message": "odd_01.mcap: no map"}, cases=[])
+    refused = maker.log("odd_02", 2, error={"code": "E_CUT", "message": "odd_02.mcap: cut"}, expect="E_CUT", cases=[])
     gone = maker.verdict("open_99", "scp", "", "missing", None, None)
     run = read_run(maker.write_run(tmp_path / "run", [bad, refused], [gone]))
     root = ET.fromstring(junit(run))
@@ -161,7 +161,8 @@ def test_the_trend_holds_whole_runs_up_to_this_one_and_marks_other_logs(tmp_path
     ]
     for day, count, head in heads:
         maker.write_run(runs / f"2026-03-0{day}T02-00-00Z_a", maker.logs(count), **head)
-    make_report(runs / "2026-03-01T02-00-00Z_a")
+    for day in (1, 3):  # the others have no summary
+        make_report(runs / f"2026-03-0{day}T02-00-00Z_a")
     here = maker.write_run(runs / "2026-03-05T02-00-00Z_a", maker.logs(6))
     later = maker.write_run(runs / "2026-03-06T02-00-00Z_a", maker.logs(6))
     points = trend(read_run(here), runs)
@@ -225,7 +226,7 @@ def test_the_command_gives_the_summary_as_json(call, failed):
 
 
 def test_a_log_that_could_not_be_read_unexpectedly_is_another_status(call, tmp_path):
-    bad = maker.log("odd_01", 1, error="odd_01.mcap: no map [E_NO_MAP]", cases=[])
+    bad = maker.log("odd_01", 1, error={"code": "E_NO_MAP", "message": "odd_01.mcap: no map"}, cases=[])
     found = maker.logs(1)
     run = maker.write_run(tmp_path / "a", [*found, bad], maker.unchanged(found))
     assert call("report", run)[0] == 3

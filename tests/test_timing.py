@@ -1,15 +1,18 @@
 """Timing two versions in turns: what the statistics say, and what is found between two real versions."""
 
+import math
 import os
 import pathlib
 import shutil
 import subprocess
+import sys
 
 import numpy as np
 import pytest
 import regress_help as help
 
 from replay.errors import ReplayError
+from replay.regress import timing
 from replay.regress.timing import Server, Side, compared, judged, measure, this_version, version
 
 
@@ -42,8 +45,6 @@ def test_what_is_no_version_is_one_line_that_says_what_would_be():
 
 
 def test_an_environment_is_known_by_its_python():
-    import sys
-
     with version(str(pathlib.Path(sys.executable).parent.parent)) as side:
         assert side.python == sys.executable
         assert side.path == ""
@@ -73,6 +74,23 @@ def slower(folder: pathlib.Path) -> Side:
         + "METHODS = {**METHODS, 'ddp': Slow(), 'cpo': None}\n"
     )
     return Side(name="slower", python=this_version().python, path=str(folder))
+
+
+def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(tmp_path, monkeypatch):
+    python = tmp_path / "python"
+    python.write_text(
+        f"#!{sys.executable}\n"
+        "import json, sys, time\n"
+        "for line in sys.stdin:\n"
+        "    is_slow = json.loads(line)['method'] == 'slow'\n"
+        "    time.sleep(3.5 if is_slow else 0.0)\n"
+        "    print(json.dumps({'seconds': [1.0 if is_slow else 2.0]}), flush=True)\n"
+    )
+    python.chmod(0o755)
+    monkeypatch.setattr(timing, "MOST_S", 2.5)
+    with Server(Side(name="late", python=str(python), path="")) as server:
+        assert math.isnan(server.seconds("log", "slow"))
+        assert server.seconds("log", "fast") == 2.0
 
 
 def test_a_version_that_sleeps_is_slower_and_pairs_that_one_side_cannot_do_are_left_out(tmp_path):

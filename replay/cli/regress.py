@@ -25,10 +25,10 @@ from replay.files import WRITE_ERROR
 from replay.regress.baseline import Baseline, accepted, default_baseline, read_baseline, write_baseline
 from replay.regress.cluster import CLUSTER_ERROR, check_address, run_on_cluster
 from replay.regress.corpus import Corpus, Known, find_corpus
-from replay.regress.finish import FINISH_ERROR
+from replay.regress.finish import FINISH_ERROR, finish
 from replay.regress.pool import run_here
 from replay.regress.reports.history import SUMMARY
-from replay.regress.running import Execute, Plan, carry_out, end, resumed, start
+from replay.regress.running import Execute, Plan, carry_out, resumed, start
 from replay.regress.selection import select
 from replay.regress.settings import Recordings, Settings
 from replay.regress.store import Store
@@ -252,7 +252,7 @@ def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, exec
     try:
         with Bar(voice.people, enabled=voice.wants_progress) as bar:
             carry_out(plan, store, execute, bar.outcome)
-        said = end(store, out, _accept(plan, store))
+        said = finish(store.folder, out, _accept(plan, store))
     except KeyboardInterrupt:
         voice.error(f"interrupted; what was finished is kept in {store.folder}")
         voice.error(f"the rest: {_again()}")

@@ -49,6 +49,10 @@ class _Index:
     """First and last log times of what holds messages [ns]."""
     counts: dict[int, int] = field(default_factory=dict)
 
+    def cover(self, *times: int) -> None:
+        """Widen the span of `times` by these [ns]."""
+        self.times = [min([*self.times, *times]), max([*self.times, *times])]
+
 
 def append(log: Log, target: BinaryIO, topics: Sequence[NewTopic], metadata: Mapping[str, Mapping[str, str]]) -> None:
     """Write a copy of a log, and after its records new topics and metadata records.
@@ -104,7 +108,7 @@ def _write_end(out: "_Output", index: _Index, metadata: Mapping[str, Mapping[str
     """What follows the messages: metadata records, the end of the data section, summary."""
     for name, values in metadata.items():
         body = _text(name) + _text_map(values)
-        index.metadata.append(_record(r.METADATA_INDEX, struct.pack("<QQ", out.position, 9 + len(body)) + _text(name)))
+        index.metadata.append(_metadata_index(out.position, len(body), name))
         out.write(_record(r.METADATA, body))
     out.write(_record(r.DATA_END, struct.pack("<I", out.crc)))
     _write_summary(out, index)
@@ -135,12 +139,12 @@ def _walk(source: BinaryIO, index: _Index) -> int:
             _define(index, opcode, _exactly(source, length))
         elif opcode == r.MESSAGE:
             time = r.MESSAGE_PREFIX.unpack(_exactly(source, r.MESSAGE_PREFIX.size))[2]
-            index.times = [min([*index.times, time]), max([*index.times, time])]
+            index.cover(time)
         elif opcode == r.ATTACHMENT:
             index.attachments.append(_attachment_index(source, at, length))
         elif opcode == r.METADATA:
             name = Cursor(_exactly(source, length)).text("name of metadata")
-            index.metadata.append(_record(r.METADATA_INDEX, struct.pack("<QQ", at, 9 + length) + _text(name)))
+            index.metadata.append(_metadata_index(at, length, name))
         source.seek(at + r.RECORD_PREFIX.size + length)
     if not set(index.counts) <= set(index.channels):  # most writers define channels within chunks
         for place, size in chunks:
@@ -152,7 +156,7 @@ class _PendingChunk:
     """A chunk whose message indexes are still to come."""
 
     def __init__(self, at: int, length: int, head: bytes, index: _Index) -> None:
-        self._at, self._length = at, 9 + length
+        self._at, self._length = at, r.RECORD_PREFIX.size + length
         cursor = Cursor(head)
         self._times = cursor.u64("start time"), cursor.u64("end time")
         self._size, _ = cursor.u64("uncompressed size"), cursor.u32("checksum")
@@ -161,7 +165,7 @@ class _PendingChunk:
         self.offsets: dict[int, int] = {}
         index.num_chunks += 1
         if self._size:
-            index.times = [min([*index.times, *self._times]), max([*index.times, *self._times])]
+            index.cover(*self._times)
 
     def record(self, end: int) -> bytes:
         """The Chunk Index; `end` is where the message indexes end."""
@@ -195,11 +199,17 @@ def _definitions_within(source: BinaryIO, at: int, length: int, index: _Index) -
         position += size
 
 
+def _metadata_index(at: int, length: int, name: str) -> bytes:
+    """A Metadata Index of a record at a place, with a body of `length` bytes."""
+    return _record(r.METADATA_INDEX, struct.pack("<QQ", at, r.RECORD_PREFIX.size + length) + _text(name))
+
+
 def _attachment_index(source: BinaryIO, at: int, length: int) -> bytes:
     cursor = Cursor(_exactly(source, min(length, 1 << 16)))
     log_time, create_time = cursor.u64("log time"), cursor.u64("create time")
     name, media_type = cursor.text("name"), cursor.text("media type")
-    fields = struct.pack("<QQQQQ", at, 9 + length, log_time, create_time, cursor.u64("data length"))
+    size = r.RECORD_PREFIX.size + length
+    fields = struct.pack("<QQQQQ", at, size, log_time, create_time, cursor.u64("data length"))
     return _record(r.ATTACHMENT_INDEX, fields + _text(name) + _text(media_type))
 
 
@@ -265,7 +275,7 @@ def _message(time: int, channel: int, data: bytes) -> bytes:
 def _write_messages(out: _Output, index: _Index, messages: Sequence[tuple[int, int, bytes]]) -> None:
     for message in messages:
         out.write(_message(*message))
-    index.times = [min([*index.times, messages[0][0]]), max([*index.times, messages[-1][0]])]
+    index.cover(messages[0][0], messages[-1][0])
 
 
 def _write_chunk(out: _Output, index: _Index, messages: Sequence[tuple[int, int, bytes]]) -> None:

@@ -128,7 +128,10 @@ class _Reader:
         return _Request(index=index, log_time=log_time, series=series, trailer=self._trailer_for(index, series))
 
     def _trailer_for(self, index: int, series: PoseSeries) -> PoseSeries | None:
-        """The trailer's message with the same stamp, else of the same number, else the nearest in time."""
+        """The trailer's message of the same number where there are as many, else the nearest in time.
+
+        Of the two nearest, one with the same stamp goes before.
+        """
         if self.trailer is None:
             return None
         count = len(self.trailer.messages)

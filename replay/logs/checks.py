@@ -89,16 +89,16 @@ def deviation(plane: Array, recorded: RecordedPoses, fit: Fit) -> Deviation:
     x, y, theta = (np.interp(s, samples.s, samples.states[:, column]) for column in range(3))
     dx, dy = plane[:, :1] - x, plane[:, 1:2] - y
     best = np.argmin(dx * dx + dy * dy, axis=1)[:, None]
-    x, y, theta = (np.take_along_axis(each, best, axis=1)[:, 0] for each in (dx, dy, theta))
-    across = np.abs(np.cos(theta) * y - np.sin(theta) * x)
+    dx, dy, theta = (np.take_along_axis(each, best, axis=1)[:, 0] for each in (dx, dy, theta))
+    across = np.abs(np.cos(theta) * dy - np.sin(theta) * dx)
     turn = np.abs(np.mod(plane[:, 2] - theta + np.pi, 2.0 * np.pi) - np.pi)
     if not recorded.has_headings:
         turn = np.zeros(len(plane))
     if recorded.group is None:  # each pose has a place of its own
         across = np.concatenate([across, fit.position_error])
         turn = np.concatenate([turn, fit.heading_error])
-    means = (float(np.sqrt(np.mean(each**2))) for each in (across, turn))
-    return Deviation(float(across.max()), next(means), float(turn.max()), next(means))
+    rms, rms_turn = (float(np.sqrt(np.mean(each**2))) for each in (across, turn))
+    return Deviation(float(across.max()), rms, float(turn.max()), rms_turn)
 
 
 def hitch_notes(problem: Problem, recorded: RecordedPoses, fit: Fit) -> list[str]:

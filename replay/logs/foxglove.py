@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from optim.arrays import Array, frozen
+from optim.arrays import Array, frozen, frozen_int
 from replay.logs import markers as m
 from replay.logs.content import Grid, Header, Joints, Marker, PayloadError, PoseSeries, Role, Transform
 from replay.logs.json_messages import decode_json
@@ -38,8 +38,7 @@ def _points(rows: list[list[float]]) -> Array:
 def poses(tree: Tree) -> PoseSeries:
     """`foxglove.PosesInFrame`."""
     rows = [[*(pose["position"] or _ZERO), *(pose["orientation"] or (0.0,) * 4)] for pose in tree["poses"]]
-    stamps = np.full(len(rows), tree["timestamp"], np.int64)
-    stamps.flags.writeable = False
+    stamps = frozen_int(np.full(len(rows), tree["timestamp"], np.int64))
     header = Header(tree["timestamp"], tree["frame_id"])
     array = frozen(np.array(rows, np.float64).reshape(-1, 7))
     return PoseSeries(header=header, stamps=stamps, poses=array, frames=frozenset())
@@ -146,12 +145,23 @@ def scene(tree: Tree) -> tuple[Marker, ...]:
     found: list[Marker] = []
     for deletion in tree["deletions"]:
         name = "" if deletion["type"] == 1 else _namespace(deletion["id"])
-        found.append(_marker(Header(deletion["timestamp"], ""), name, 0, m.FORGET, 0, None, _ZERO, []))
+        found.append(_forget(name, deletion["timestamp"]))
     for entity in tree["entities"]:
         header, name = Header(entity["timestamp"], entity["frame_id"]), _namespace(entity["id"])
-        found.append(_marker(Header(0, ""), name, 0, m.FORGET, 0, None, _ZERO, []))
+        found.append(_forget(name, 0))
         for number, (kind, pose, scale, points) in enumerate(_primitives(entity)):
-            found.append(_marker(header, name, number, m.ADD, kind, pose, scale, points))
+            found.append(
+                Marker(
+                    header=header,
+                    ns=name,
+                    id=number,
+                    type=kind,
+                    action=m.ADD,
+                    pose=_pose(pose, _NOT_TURNED),
+                    scale=frozen(scale),
+                    points=_points(points),
+                )
+            )
     return tuple(found)
 
 
@@ -159,25 +169,18 @@ def _namespace(entity: str) -> str:
     return f"entity {entity}"  # never empty: an empty one means all
 
 
-def _marker(
-    header: Header,
-    ns: str,
-    number: int,
-    action: int,
-    kind: int,
-    pose: Tree | None,
-    scale: Any,
-    points: list[list[float]],
-) -> Marker:
+def _forget(ns: str, stamp: int) -> Marker:
+    """A deletion of a namespace, or of all if it is empty, up to a stamp [ns]; 0: of whatever age."""
+    nothing = frozen(_ZERO)
     return Marker(
-        header=header,
+        header=Header(stamp, ""),
         ns=ns,
-        id=number,
-        type=kind,
-        action=action,
-        pose=_pose(pose, _NOT_TURNED),
-        scale=frozen(scale),
-        points=_points(points),
+        id=0,
+        type=0,
+        action=m.FORGET,
+        pose=_pose(None, _NOT_TURNED),
+        scale=nothing,
+        points=_points([]),
     )
 
 

@@ -37,7 +37,7 @@ class Frames:
         for transform in self.every():
             pair = frame_name(transform.header.frame), frame_name(transform.child)
             known = links.setdefault(pair, transform.pose)
-            if known is not None and known is not transform.pose and not np.abs(known - transform.pose).max() <= STILL:
+            if known is not None and known is not transform.pose and not _is_same(known, transform.pose):
                 links[pair] = None
             if len(links) > MOST_FRAMES:
                 raise Refusal("E_FRAME", f"its transforms name more than {MOST_FRAMES} pairs of frames")
@@ -71,20 +71,26 @@ class Frames:
         for (parent, child), pose in self._links.items():
             beside.setdefault(child, []).append((parent, pose, True))
             beside.setdefault(parent, []).append((child, pose, False))
-        ways: dict[str, list[tuple[Array, bool]]] = {source: []}
+        from_where: dict[str, tuple[str, Array, bool] | None] = {source: None}
         todo, moving = deque([source]), False
-        while todo and target not in ways:
+        while todo and target not in from_where:
             here = todo.popleft()
             for there, pose, is_forward in beside.get(here, []):
                 if pose is None:
                     moving |= there == target or here == target
-                elif there not in ways:
-                    ways[there] = [*ways[here], (pose, is_forward)]
+                elif there not in from_where:
+                    from_where[there] = here, pose, is_forward
                     todo.append(there)
-        if target not in ways:
+        if target not in from_where:
             why = "they move against each other" if moving else "no static transform between them is in the log"
             raise Refusal("E_FRAME", f"frames {printable(source, 60)!r} and {printable(target, 60)!r}: {why}")
-        return ways[target]
+        way: list[tuple[Array, bool]] = []
+        last = from_where[target]
+        while last is not None:
+            here, pose, is_forward = last
+            way.append((pose, is_forward))
+            last = from_where[here]
+        return way[::-1]
 
 
 def in_frame(series: PoseSeries, target: str, where: str, frames: Frames) -> tuple[PoseSeries, list[str]]:
@@ -109,6 +115,13 @@ def in_frame(series: PoseSeries, target: str, where: str, frames: Frames) -> tup
     note = f"it is in frame {printable(others[0], 60)!r}; a transform of the log puts it into {printable(target, 60)!r}"
     header = series.header._replace(frame=target)
     return dataclasses.replace(series, header=header, frames=frozenset(), poses=poses), [note]
+
+
+def _is_same(pose: Array, other: Array) -> bool:
+    """Whether two transforms (7,) differ by less than `STILL`; a quaternion and its negative are the same rotation."""
+    with np.errstate(over="ignore", invalid="ignore"):  # nothing has checked these values yet
+        sign = 1.0 if pose[3:] @ other[3:] >= 0.0 else -1.0
+        return bool(np.abs(pose - other * [1.0, 1.0, 1.0, sign, sign, sign, sign]).max() <= STILL)
 
 
 def _checked(pose: Array) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ from replay.errors import LogError, printable
 from replay.logs.content import Joints, PoseSeries, Transform
 from replay.logs.frames import Frames, frame_name
 from replay.logs.options import ReadOptions
+from replay.logs.pairing import at_stamps
 from replay.logs.planar import Refusal, planar
 from replay.logs.poses import RecordedPoses
 from replay.logs.topics import Topic
@@ -149,9 +150,9 @@ def at_poses(angles: Angles, recorded: RecordedPoses, series: PoseSeries, log_ti
     values = np.unwrap(angles.values)
     count = len(series.poses)
     if count > 1 and np.ptp(series.stamps) > 0:
-        alpha = _at_rows(_interpolated(angles, values, series.stamps), recorded)
+        alpha = recorded.averaged(at_stamps(series.stamps, angles.times, values[:, None], angles.name))[:, 0]
     elif len(values) == count > 1:
-        alpha = _at_rows(values, recorded)
+        alpha = recorded.averaged(values[:, None])[:, 0]
     else:
         time = series.header.stamp or log_time
         alpha = values[max(0, int(np.searchsorted(angles.times, time, side="right")) - 1)][None]
@@ -164,21 +165,6 @@ def at_poses(angles: Angles, recorded: RecordedPoses, series: PoseSeries, log_ti
             "E_HITCH", f"{angles.name}: the hitch angle is {np.degrees(alpha[row]):.0f} degrees, expected below 90"
         )
     return alpha if len(alpha) > 1 else float(alpha[0])
-
-
-def _at_rows(values: Array, recorded: RecordedPoses) -> Array:
-    return recorded.averaged(values[:, None])[:, 0]
-
-
-def _interpolated(angles: Angles, values: Array, stamps: IntArray) -> Array:
-    start = min(int(stamps[0]), int(angles.times[0]))
-    t, known = (stamps - start) * 1e-9, (angles.times - start) * 1e-9
-    slack = 1e-3 + (float(np.median(np.diff(known))) if len(known) > 1 else 0.0)
-    covered = (t >= known[0] - slack) & (t <= known[-1] + slack)
-    if not covered.all():
-        share = f"{np.count_nonzero(covered)} of {len(t)} truck poses"
-        raise Refusal("E_PATH_PAIR", f"{angles.name} has stamps for {share}; pose {int(np.argmin(covered))} has none")
-    return np.interp(t, known, values)
 
 
 def combined(

@@ -117,13 +117,18 @@ class Maps:
             raise Refusal("E_NO_MAP", "all its markers are deleted at that time")
         frame, every = self._markers_in_one_frame(list(state.values()))
         polygons, notes = marker_polygons(every, self.options.height)
+        return self._map_of_shapes(polygons, notes, frame)
+
+    def _map_of_shapes(self, polygons: list[Array], notes: list[str], frame: str | None) -> LogMap:
+        """A map of polygons alone; `frame` is None where its messages name none."""
         points = np.concatenate(polygons) if polygons else np.zeros((1, 2))
         return LogMap(
-            scene=make_scene(polygons, frame=frame),
+            scene=make_scene(polygons, frame=frame or ""),
             image=None,
             centre=(points.min(axis=0) + points.max(axis=0)) / 2.0,
             notes=tuple(notes if polygons else [*notes, "the map has no obstacles"]),
             options=self.options,
+            headless=frame is None,
         )
 
     def _markers_in_one_frame(self, markers: list[Marker]) -> tuple[str, list[Marker]]:
@@ -159,15 +164,7 @@ class Maps:
         if len(frames) > 1:
             raise Refusal("E_FRAME", f"its polygons are in several frames: {', '.join(map(repr, frames[:5]))}")
         polygons, notes = ring_polygons(rings)
-        points = np.concatenate(polygons) if polygons else np.zeros((1, 2))
-        return LogMap(
-            scene=make_scene(polygons, frame=frames[0] if frames else ""),
-            image=None,
-            centre=(points.min(axis=0) + points.max(axis=0)) / 2.0,
-            notes=tuple(notes if polygons else [*notes, "the map has no obstacles"]),
-            options=self.options,
-            headless=not frames,
-        )
+        return self._map_of_shapes(polygons, notes, frames[0] if frames else None)
 
 
 def _unit(pose: Array) -> Array:

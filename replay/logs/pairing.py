@@ -25,7 +25,7 @@ def trailer_at_poses(
     """
     trailer = np.column_stack([trailer[:, :2], np.unwrap(trailer[:, 2])])
     if np.ptp(truck_series.stamps) > 0 and np.ptp(trailer_series.stamps) > 0:
-        return _by_stamp(truck_series.stamps, trailer, trailer_series.stamps)
+        return at_stamps(truck_series.stamps, trailer_series.stamps, trailer, "the trailer's path")
     if len(truck) == len(trailer):
         return trailer
     return _by_arrangement(truck, trailer, hitch_to_axle)
@@ -54,20 +54,22 @@ def hitch_angles(truck: Array, trailer: Array) -> Array:
     return alpha
 
 
-def _by_stamp(stamps: IntArray, trailer: Array, trailer_stamps: IntArray) -> Array:
-    start = min(stamps[0], trailer_stamps[0])
-    t, t_trailer = (
-        (stamps - start) * 1e-9,
-        (trailer_stamps - start) * 1e-9,
-    )  # differences: exact below 104 days
-    slack = 1e-3 + float(np.median(np.diff(t_trailer))) if len(t_trailer) > 1 else 1e-3
-    covered = (t >= t_trailer[0] - slack) & (t <= t_trailer[-1] + slack)
+def at_stamps(stamps: IntArray, known_stamps: IntArray, known: Array, what: str) -> Array:
+    """Rows known at m stamps, (m, k), interpolated at n stamps of the truck's poses [ns]; both rise. Shape (n, k).
+
+    `what`: whose rows they are, for the error.
+
+    Raises:
+        Refusal: E_PATH_PAIR, where the rows end before the poses do, by more than their own median interval.
+    """
+    start = min(stamps[0], known_stamps[0])
+    t, t_known = (stamps - start) * 1e-9, (known_stamps - start) * 1e-9  # differences: exact below 104 days
+    slack = 1e-3 + (float(np.median(np.diff(t_known))) if len(t_known) > 1 else 0.0)
+    covered = (t >= t_known[0] - slack) & (t <= t_known[-1] + slack)
     if not covered.all():
-        row = int(np.argmin(covered))
         share = f"{np.count_nonzero(covered)} of {len(t)} truck poses"
-        text = f"the trailer's path has stamps for {share}; pose {row} has none"
-        raise Refusal("E_PATH_PAIR", text)
-    return np.stack([np.interp(t, t_trailer, column) for column in trailer.T], axis=1)
+        raise Refusal("E_PATH_PAIR", f"{what} has stamps for {share}; pose {int(np.argmin(covered))} has none")
+    return np.stack([np.interp(t, t_known, column) for column in known.T], axis=1)
 
 
 def _by_arrangement(truck: Array, trailer: Array, hitch_to_axle: float) -> Array:

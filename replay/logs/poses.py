@@ -124,7 +124,7 @@ def recorded_poses(plane: Array, start_direction: int) -> RecordedPoses:
     if merged:
         notes.append(f"{merged} of {len(plane)} poses repeat the one before and are merged with it")
     poses = plane[kept].copy()
-    is_missing = _headings_missing(poses)
+    is_missing = headings_missing(poses)
     if is_missing:
         poses[:, 2] = heading_from_motion(poses[:, :2], start_direction)
         notes.append(_headings_note(start_direction))
@@ -161,7 +161,7 @@ def _averaged_poses(plane: Array, noise: Noise, start_direction: int, gaps: list
     if len(chain) < 2:
         at = f"({plane[0, 0]:.2f}, {plane[0, 1]:.2f}) m"
         raise Refusal("E_PATH_ZERO_LENGTH", f"its {len(plane)} poses are all at {at} within their noise")
-    is_missing = _headings_missing(poses)
+    is_missing = headings_missing(poses)
     if is_missing:
         rough = np.unwrap(heading_from_motion(poses[chain, :2], start_direction))
         poses[:, 2] = np.interp(np.arange(len(poses)), chain, rough)
@@ -226,7 +226,7 @@ def _distinct(xy: Array) -> tuple[IntArray, IntArray]:
     return np.array(kept), nearest
 
 
-def _headings_missing(poses: Array) -> bool:
+def headings_missing(poses: Array) -> bool:
     """Whether the headings are all the same although the path turns, or runs across them."""
     if np.ptp(poses[:, 2]) > 1e-9:
         return False

@@ -6,7 +6,7 @@ before anything is allocated.
 
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -113,7 +113,7 @@ class Log:
     messages: tuple[Message, ...]
     """Of wanted channels, by log time, then in the order of the file."""
     metadata: tuple[Metadata, ...] = ()
-    findings: tuple[Finding, ...] = field(default=())
+    findings: tuple[Finding, ...] = ()
 
     @property
     def stem(self) -> str:

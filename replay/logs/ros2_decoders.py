@@ -7,7 +7,7 @@ the standard definition that the log's equals.
 import numpy as np
 from numpy.typing import NDArray
 
-from optim.arrays import Array, frozen_int
+from optim.arrays import Array, frozen, frozen_int
 from replay.logs.cdr import HEADER_SIZE, CdrError, CdrReader
 from replay.logs.content import Grid, Header, Joints, Marker, PoseSeries, Ring, Transform
 
@@ -23,7 +23,7 @@ def _header(reader: CdrReader, field: str = "header") -> Header:
     return Header(_stamp(reader, f"{field}.stamp"), reader.text(f"{field}.frame_id"))
 
 
-def decode_grid(data: bytes, layout: int = 0) -> Grid:
+def decode_grid(data: bytes, layout: int) -> Grid:
     """Decode an occupancy grid. Raises CdrError."""
     reader = CdrReader(data)
     header = _header(reader)
@@ -36,7 +36,7 @@ def decode_grid(data: bytes, layout: int = 0) -> Grid:
     return Grid(header=header, resolution=resolution, width=width, height=height, origin=origin, data=cells)
 
 
-def decode_path(data: bytes, layout: int = 0) -> PoseSeries:
+def decode_path(data: bytes, layout: int) -> PoseSeries:
     """Decode a path. Raises CdrError."""
     reader = CdrReader(data)
     header = _header(reader)
@@ -54,8 +54,7 @@ def decode_path(data: bytes, layout: int = 0) -> PoseSeries:
             frames.add(frame)
             done += 1
     reader.finish()
-    stamps.flags.writeable = poses.flags.writeable = False
-    return PoseSeries(header=header, stamps=stamps, poses=poses, frames=frozenset(frames))
+    return PoseSeries(header=header, stamps=frozen_int(stamps), poses=frozen(poses), frames=frozenset(frames))
 
 
 def _read_alike(reader: CdrReader, stamps: NDArray[np.int64], poses: Array, frames: set[str]) -> int:
@@ -121,7 +120,7 @@ def _texture(reader: CdrReader, field: str) -> None:
     reader.numbers("<f4", 2 * reader.count(8, f"{field}uv_coordinates"), f"{field}uv_coordinates")
 
 
-def decode_marker(data: bytes, layout: int = 0) -> tuple[Marker, ...]:
+def decode_marker(data: bytes, layout: int) -> tuple[Marker, ...]:
     """Decode a single marker, as a sequence of one. Raises CdrError."""
     reader = CdrReader(data)
     marker = _marker(reader, "", layout)
@@ -129,7 +128,7 @@ def decode_marker(data: bytes, layout: int = 0) -> tuple[Marker, ...]:
     return (marker,)
 
 
-def decode_markers(data: bytes, layout: int = 0) -> tuple[Marker, ...]:
+def decode_markers(data: bytes, layout: int) -> tuple[Marker, ...]:
     """Decode an array of markers. Raises CdrError."""
     reader = CdrReader(data)
     count = reader.count(150, "markers")  # fixed-size fields alone take more
@@ -140,12 +139,10 @@ def decode_markers(data: bytes, layout: int = 0) -> tuple[Marker, ...]:
 
 def _all_at(header: Header, count: int) -> NDArray[np.int64]:
     """The header's stamp for each of `count` poses."""
-    stamps = np.full(count, header.stamp, np.int64)
-    stamps.flags.writeable = False
-    return stamps
+    return frozen_int(np.full(count, header.stamp, np.int64))
 
 
-def decode_pose_array(data: bytes, layout: int = 0) -> PoseSeries:
+def decode_pose_array(data: bytes, layout: int) -> PoseSeries:
     """Decode an array of poses, all of one time and frame. Raises CdrError."""
     reader = CdrReader(data)
     header = _header(reader)
@@ -159,7 +156,7 @@ def _one(header: Header, pose: Array, speed: Array | None = None) -> PoseSeries:
     return PoseSeries(header=header, stamps=_all_at(header, 1), poses=pose[None], frames=frozenset(), speed=speed)
 
 
-def decode_pose_stamped(data: bytes, layout: int = 0) -> PoseSeries:
+def decode_pose_stamped(data: bytes, layout: int) -> PoseSeries:
     """Decode a single pose. Raises CdrError."""
     reader = CdrReader(data)
     header, pose = _header(reader), reader.numbers("<f8", 7, "pose")
@@ -167,7 +164,7 @@ def decode_pose_stamped(data: bytes, layout: int = 0) -> PoseSeries:
     return _one(header, pose)
 
 
-def decode_pose_covariance(data: bytes, layout: int = 0) -> PoseSeries:
+def decode_pose_covariance(data: bytes, layout: int) -> PoseSeries:
     """Decode a single pose with its covariance, which is not used. Raises CdrError."""
     reader = CdrReader(data)
     header, values = _header(reader), reader.numbers("<f8", 43, "pose")
@@ -175,7 +172,7 @@ def decode_pose_covariance(data: bytes, layout: int = 0) -> PoseSeries:
     return _one(header, values[:7])
 
 
-def decode_odometry(data: bytes, layout: int = 0) -> PoseSeries:
+def decode_odometry(data: bytes, layout: int) -> PoseSeries:
     """Decode a single pose with the speed ahead. Raises CdrError."""
     reader = CdrReader(data)
     header = _header(reader)
@@ -185,12 +182,12 @@ def decode_odometry(data: bytes, layout: int = 0) -> PoseSeries:
     return _one(header, pose[:7], twist[:1])
 
 
-_POINT = np.dtype([("time", "<i4"), ("nanosec", "<u4"), ("pose", "<f8", (7,)), ("values", "<f4", (6,))])
+_POINT = np.dtype([("sec", "<i4"), ("nanosec", "<u4"), ("pose", "<f8", (7,)), ("values", "<f4", (6,))])
 """A trajectory's point from an offset that is a multiple of eight, as all but the first are."""
 _SPEED, _FRONT_WHEEL = 0, 4  # of `values`, beside lateral speed, acceleration, heading rate, rear wheel angle
 
 
-def decode_trajectory(data: bytes, layout: int = 0) -> PoseSeries:
+def decode_trajectory(data: bytes, layout: int) -> PoseSeries:
     """Decode Autoware's trajectory: poses with speeds and steering angles. Raises CdrError."""
     reader = CdrReader(data)
     header = _header(reader)
@@ -209,14 +206,12 @@ def decode_trajectory(data: bytes, layout: int = 0) -> PoseSeries:
     if len(late):
         value = points["nanosec"][late[0]]
         raise CdrError(f"points[{late[0]}].time_from_start.nanosec is {value}, expected less than 1e9")
-    since = points["time"].astype(np.int64) * 1_000_000_000 + points["nanosec"]
-    poses, values = points["pose"].copy(), points["values"].astype(np.float64)
-    for each in (since, poses, values):
-        each.flags.writeable = False
+    since = points["sec"].astype(np.int64) * 1_000_000_000 + points["nanosec"]
+    values = frozen(points["values"])
     return PoseSeries(
         header=header,
         stamps=_all_at(header, count) if not since.any() else frozen_int(header.stamp + since),
-        poses=poses,
+        poses=frozen(points["pose"]),
         frames=frozenset(),
         speed=values[:, _SPEED],
         steer=values[:, _FRONT_WHEEL],
@@ -224,24 +219,23 @@ def decode_trajectory(data: bytes, layout: int = 0) -> PoseSeries:
 
 
 def _ring(reader: CdrReader, header: Header | None, field: str) -> tuple[Ring, ...]:
-    points = reader.numbers("<f4", 3 * reader.count(12, field), field).reshape(-1, 3).astype(np.float64)
+    points = reader.numbers("<f4", 3 * reader.count(12, field), field).reshape(-1, 3)
     reader.finish()
-    points.flags.writeable = False
-    return (Ring(header=header, points=points),)
+    return (Ring(header=header, points=frozen(points)),)
 
 
-def decode_polygon(data: bytes, layout: int = 0) -> tuple[Ring, ...]:
+def decode_polygon(data: bytes, layout: int) -> tuple[Ring, ...]:
     """Decode a polygon without a header, as a sequence of one. Raises CdrError."""
     return _ring(CdrReader(data), None, "points")
 
 
-def decode_polygon_stamped(data: bytes, layout: int = 0) -> tuple[Ring, ...]:
+def decode_polygon_stamped(data: bytes, layout: int) -> tuple[Ring, ...]:
     """Decode a polygon, as a sequence of one. Raises CdrError."""
     reader = CdrReader(data)
     return _ring(reader, _header(reader), "polygon.points")
 
 
-def decode_joints(data: bytes, layout: int = 0) -> tuple[Joints, ...]:
+def decode_joints(data: bytes, layout: int) -> tuple[Joints, ...]:
     """Decode the state of joints, as a sequence of one. Raises CdrError."""
     reader = CdrReader(data)
     header = _header(reader)
@@ -253,7 +247,7 @@ def decode_joints(data: bytes, layout: int = 0) -> tuple[Joints, ...]:
     return (Joints(stamp=header.stamp, names=names, positions=positions),)
 
 
-def decode_transforms(data: bytes, layout: int = 0) -> tuple[Transform, ...]:
+def decode_transforms(data: bytes, layout: int) -> tuple[Transform, ...]:
     """Decode transforms between frames. Raises CdrError."""
     reader = CdrReader(data)
     found = []

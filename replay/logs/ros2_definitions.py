@@ -1,9 +1,9 @@
-"""The standard definitions of the ROS 2 messages that are understood, ROS 2 Humble and later.
+"""The standard definitions of the ROS 2 messages that are understood or written, ROS 2 Humble and later.
 
 MARKER_OLD: Foxy and Galactic.
 """
 
-_RULE = "=" * 80 + "\n"
+_RULE = "\n" + "=" * 80 + "\n"
 
 
 def _definition(body: str, *parts: str) -> str:
@@ -12,9 +12,10 @@ def _definition(body: str, *parts: str) -> str:
 
 _HEADER = "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
 _TIME = "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+_DURATION = "MSG: builtin_interfaces/Duration\nint32 sec\nuint32 nanosec\n"
 _POINT = "MSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
 _VECTOR = "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"
-_QUATERNION = "MSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
+_QUATERNION = "MSG: geometry_msgs/Quaternion\nfloat64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1\n"
 _POSE = _definition(
     "MSG: geometry_msgs/Pose\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n", _POINT, _QUATERNION
 )
@@ -27,7 +28,7 @@ GRID = _definition(
 PATH = _definition(
     "std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n",
     "MSG: geometry_msgs/PoseStamped\nstd_msgs/Header header\ngeometry_msgs/Pose pose\n",
-    _HEADER, _TIME, _POSE,
+    _POSE, _HEADER, _TIME,
 )  # fmt: skip
 _MARKER_START = (
     "std_msgs/Header header\nstring ns\nint32 id\nint32 type\nint32 action\ngeometry_msgs/Pose pose\n"
@@ -38,7 +39,7 @@ _MARKER_PARTS = (
     _HEADER, _TIME, _POSE,
     _VECTOR,
     "MSG: std_msgs/ColorRGBA\nfloat32 r\nfloat32 g\nfloat32 b\nfloat32 a\n",
-    "MSG: builtin_interfaces/Duration\nint32 sec\nuint32 nanosec\n",
+    _DURATION,
 )  # fmt: skip
 _TEXTURE_PARTS = (
     "MSG: sensor_msgs/CompressedImage\nstd_msgs/Header header\nstring format\nuint8[] data\n",
@@ -62,7 +63,6 @@ def array_of(marker: str) -> str:
 
 
 POSE_ARRAY = _definition("std_msgs/Header header\ngeometry_msgs/Pose[] poses\n", _HEADER, _TIME, _POSE)
-_DURATION = "MSG: builtin_interfaces/Duration\nint32 sec\nuint32 nanosec\n"
 TRAJECTORY = _definition(
     "std_msgs/Header header\nautoware_planning_msgs/TrajectoryPoint[] points\n",
     "MSG: autoware_planning_msgs/TrajectoryPoint\nbuiltin_interfaces/Duration time_from_start\n"

@@ -13,7 +13,7 @@ from optim.vehicle import Vehicle
 from replay.logs.content import PoseSeries
 from replay.logs.options import ReadOptions
 from replay.logs.planar import Refusal
-from replay.logs.poses import RecordedPoses, nearest_row
+from replay.logs.poses import RecordedPoses, headings_missing, nearest_row
 
 CONTRADICTED = 0.5
 """Travel from which a motion against the stated gear is no noise [m]."""
@@ -39,7 +39,7 @@ def at_rear_axle(plane: Array, offset: float) -> Array:
     """
     if offset == 0.0:
         return plane
-    if len(plane) > 1 and np.ptp(plane[:, 2]) <= 1e-9 and np.ptp(plane[:, :2], axis=0).min() > offset:
+    if headings_missing(plane):
         raise Refusal(
             "E_PATH_HEADING",
             "all its headings are equal: where its poses are not at the rear axle, headings must say where that is",

@@ -42,8 +42,13 @@ class Topic:
     @property
     def title(self) -> str:
         """For lists in errors."""
-        count = len(self.each.messages) if isinstance(self, Stream) else len(self.messages)
+        count = self.num_logged
         return f"{printable(self.name, 80)} ({self.schema}, {count} message{'s' * (count != 1)})"
+
+    @property
+    def num_logged(self) -> int:
+        """How many messages the log holds of it."""
+        return len(self.messages)
 
     @property
     def where(self) -> str:
@@ -94,6 +99,11 @@ class Stream(Topic):
     each: Topic
     """The topic itself."""
 
+    @property
+    def num_logged(self) -> int:
+        """How many messages the log holds of it."""
+        return self.each.num_logged
+
     def decode(self, index: int) -> PoseSeries:
         """All poses, by the time of their stamps, else of the log. Raises LogError."""
         return self._joined
@@ -117,10 +127,14 @@ class Stream(Topic):
 def _as_path(topic: Topic) -> Topic:
     if topic.family.role != "stream":
         return topic
-    last = topic.messages[-1:]
     return Stream(
-        log=topic.log, name=topic.name, schema=topic.schema, channels=topic.channels, messages=last, each=topic
-    )  # fmt: skip
+        log=topic.log,
+        name=topic.name,
+        schema=topic.schema,
+        channels=topic.channels,
+        messages=topic.messages[-1:],
+        each=topic,
+    )
 
 
 def topics_of(log: Log) -> list[Topic]:

@@ -8,15 +8,16 @@ from replay.logs.families import FAMILIES
 from replay.logs.records import Channel, Log
 from replay.logs.topics import Topic, topics_of
 
-_WORDS: Final[dict[Role, str]] = {
-    "grid": "map: grid",
-    "markers": "map: shapes",
-    "polygon": "map: polygons",
-    "path": "path",
-    "stream": "poses one by one",
-    "joints": "joints",
-    "transforms": "transforms",
+_WORDS: Final[dict[Role, tuple[str, str]]] = {
+    "grid": ("map: grid", "cells"),
+    "markers": ("map: shapes", "changes"),
+    "polygon": ("map: polygons", "polygons"),
+    "path": ("path", "poses"),
+    "stream": ("poses one by one", "poses"),
+    "joints": ("joints", "states"),
+    "transforms": ("transforms", "transforms"),
 }
+"""What the messages of a role are, and what is counted in them."""
 
 
 class Use(NamedTuple):
@@ -47,14 +48,15 @@ def _use(log: Log, channel: Channel, topics: dict[tuple[str, str], Use]) -> Use:
 
 def _used(topic: Topic) -> Use:
     role = topic.family.role
-    sums = [0, 0]
+    sizes: list[int] = []
     for index in range(len(topic.messages)):
         try:
-            size, most = _size(role, topic.decode(index))
+            sizes.append(_size(role, topic.decode(index)))
         except LogError as error:
             return Use(None, f"not read: {_reason(topic, error)} [{error.code}]")
-        sums = [sums[0] + size, max(sums[1], most)]
-    return Use(role, f"{_WORDS[role]}{_amount(role, *sums)}")
+    what, counted = _WORDS[role]
+    amount = max(sizes, default=0) if role == "grid" else sum(sizes)  # each grid replaces the one before
+    return Use(role, f"{what}, {amount} {counted}")
 
 
 def _reason(topic: Topic, error: LogError) -> str:
@@ -63,21 +65,8 @@ def _reason(topic: Topic, error: LogError) -> str:
     return text.removeprefix(topic.where).lstrip(",: ")
 
 
-def _size(role: Role, content: Any) -> tuple[int, int]:
-    """How much a message holds: added up over all messages, and the most of one."""
+def _size(role: Role, content: Any) -> int:
+    """How much one message holds."""
     if role == "grid":
-        return 0, content.width * content.height
-    return (len(content.poses), 0) if role in PATH_ROLES else (len(content), 0)
-
-
-def _amount(role: Role, total: int, most: int) -> str:
-    if role == "grid":
-        return f", {most} cells"
-    words = {
-        "markers": "changes",
-        "polygon": "polygons",
-        "path": "poses",
-        "joints": "states",
-        "transforms": "transforms",
-    }
-    return f", {total} {words[role]}"
+        return content.width * content.height
+    return len(content.poses) if role in PATH_ROLES else len(content)

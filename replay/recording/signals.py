@@ -78,9 +78,9 @@ def log_signals(rec: rr.RecordingStream, problem: Problem, tracks: list[Track]) 
     ends = {"progress": PROGRESS, "arc_cm": longest, "iteration": last}
     columns = [rr.TimeColumn(name, sequence=[0, end]) for name, end in ends.items()]
     for signal, limits in limits_of(problem).items():
-        path, count = entity("signals", signal, "limit"), len(limits)
-        rec.send_columns(path, columns, rr.Scalars.columns(scalars=[*limits, *limits]).partition([count, count]))
-        look = rr.SeriesLines(colors=[ALARM] * count, names=["limit"] * count, widths=[1.0] * count)
+        path, num = entity("signals", signal, "limit"), len(limits)
+        rec.send_columns(path, columns, rr.Scalars.columns(scalars=[*limits, *limits]).partition([num, num]))
+        look = rr.SeriesLines(colors=[ALARM] * num, names=["limit"] * num, widths=[1.0] * num)
         rec.log(path, look, static=True)
 
 

@@ -22,13 +22,13 @@ from replay.recording.local import localised
 from replay.recording.picture import frame_around
 from replay.recording.text import change, number, plain
 from replay.recording.tracks import Track, best_of, tracks_of
+from replay.results import DISTRIBUTION
 from replay.style import Colour, Style
 
 if TYPE_CHECKING:
     from replay.run import Run
 
 APPLICATION: Final = "replay"
-DISTRIBUTION: Final = "truck-trailer-replay"
 
 
 class Unwritable(Exception):
@@ -81,6 +81,7 @@ def _version() -> str:
 
 
 def fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Array) -> None:
+    """Log all of a run that `localised` has moved by `offset` [m], and the arrangement for it."""
     problem, best = run.case.problem, best_of(tracks)
     frame = frame_around(problem.scene, [track.area for track in tracks])
     ground.log_ground(rec, run.case, frame)

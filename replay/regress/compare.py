@@ -10,6 +10,7 @@ from replay.regress.reports.model import FAILING
 Entry = dict[str, Any]
 CRASHES = ("E_CRASHED", "E_HUNG", "E_INTERNAL", "E_MEMORY")
 """Codes of logs on which the program itself, not the log, was at fault."""
+_DECLARED = "against what corpus.toml expects"
 
 
 def compare_log(
@@ -149,9 +150,6 @@ def _expectation(document: Mapping[str, Any], before: Mapping[str, Any]) -> list
             place = {"case": case["case"], "key": "expect", "note": _DECLARED}
             found.append(_entry(document["log"], **place, before=expect, after=came, verdict=verdict))
     return found
-
-
-_DECLARED = "against what corpus.toml expects"
 
 
 def _read_after_all(was: str, expect: str) -> str:

@@ -49,9 +49,11 @@ class Known:
     note: str = ""
 
     def concerns(self, log: str) -> bool:
+        """Whether it may show on a log of that name."""
         return fnmatch.fnmatchcase(log, self.log)
 
     def covers(self, log: str, method: str, key: str) -> bool:
+        """Whether a finding of that place is this issue."""
         pairs = ((log, self.log), (method, self.method), (key, self.key))
         return all(fnmatch.fnmatchcase(word, pattern) for word, pattern in pairs)
 

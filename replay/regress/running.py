@@ -1,11 +1,12 @@
-"""One regression run: what is to be done, its folder, doing it (or the rest of it), and its end."""
+"""One regression run: what is to be done, its folder, and doing it, or the rest of it."""
 
 import contextlib
 import dataclasses
 import datetime
+import errno
 import os
 import pathlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,8 +16,8 @@ from replay.errors import ReplayError
 from replay.files import WRITE_ERROR, reserved
 from replay.regress.baseline import Baseline, read_baseline
 from replay.regress.corpus import Known, Log
-from replay.regress.finish import finish
 from replay.regress.reports.history import SUMMARY
+from replay.regress.reports.reading import LARGEST_LOG
 from replay.regress.settings import Settings, about_program, fingerprint, revision
 from replay.regress.store import Store, file_stem
 from replay.regress.work import Job, Outcome, digest
@@ -79,7 +80,7 @@ def _new_folder(runs: pathlib.Path, name: str) -> pathlib.Path:
         with contextlib.suppress(FileExistsError):
             folder.mkdir()
             return folder
-    raise FileExistsError(17, "a thousand runs have begun in one second")
+    raise FileExistsError(errno.EEXIST, "a thousand runs have begun in one second")
 
 
 def _head(plan: Plan, created: str, version: str) -> dict[str, Any]:
@@ -101,14 +102,11 @@ def _head(plan: Plan, created: str, version: str) -> dict[str, Any]:
 
 
 def resumed(plan: Plan, runs: pathlib.Path) -> Store:
-    """The newest unfinished run of the same plan and program. ReplayError (E_RESUME) where there is none.
-
-    Documents of logs that have changed since, or that cannot be read, are removed: these logs are done again.
-    """
+    """The newest unfinished run of the same plan and program. ReplayError (E_RESUME) where there is none."""
     version, others = revision(), ""
     for folder in sorted(runs.iterdir() if runs.is_dir() else [], reverse=True):
         try:
-            head = read_json(folder / "run.json", 64 * 2**20)
+            head = read_json(folder / "run.json", LARGEST_LOG)
         except JsonError:
             continue
         if not isinstance(head, dict) or (head.get("complete") and (folder / SUMMARY).exists()):
@@ -123,7 +121,10 @@ def resumed(plan: Plan, runs: pathlib.Path) -> Store:
 
 
 def remaining(plan: Plan, store: Store) -> list[Log]:
-    """The logs that are still to be done, in the order in which they are."""
+    """The logs that are still to be done, in the order in which they are.
+
+    Documents of logs that have changed since, or that cannot be read, are removed: these logs are done again.
+    """
     done = store.done()
     logs = [log for log in plan.logs if file_stem(log.name) + ".json" not in done]
     if done:
@@ -137,7 +138,7 @@ def _stale(log: Log, store: Store) -> bool:
     """Whether a document does not say what it should; it is removed then."""
     path = store.file(log.name)
     try:
-        document = read_json(path, 64 * 2**20)
+        document = read_json(path, LARGEST_LOG)
         kept = document.get("sha256") in (None, digest(log.path)) and document.get("log") == log.name
     except (JsonError, AttributeError):
         kept = False
@@ -179,8 +180,3 @@ def _jobs(plan: Plan, store: Store, logs: Iterable[Log], baseline: Baseline) -> 
             before=baseline.logs.get(log.name),
             known=tuple(issue for issue in plan.known if issue.concerns(log.name)),
         )
-
-
-def end(store: Store, history: pathlib.Path, accept: str) -> Mapping[str, Any]:
-    """Judge a run and make its reports. ReplayError where that fails."""
-    return finish(store.folder, history, accept)

@@ -11,7 +11,6 @@ import tempfile
 import threading
 import time
 from multiprocessing.connection import Connection
-from types import TracebackType
 from typing import IO, Any, Self
 
 from replay.regress.work import Job, Outcome, publish_error
@@ -50,9 +49,7 @@ class Slot:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.end()
 
     def run(self, job: Job) -> Outcome:

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from replay.errors import ReplayError
-from replay.files import WRITE_ERROR, atomic_write
+from replay.files import WRITE_ERROR, atomic_write, sync_directory
 from replay.regress.reports.reading import LARGEST_LOG, LOG_SCHEMA, RUN_SCHEMA, log_files
 from replay.results import plain
 from replay.strict_json import JsonError, read_json
@@ -88,6 +88,7 @@ class Store:
                 file.flush()
                 os.fsync(file.fileno())
             _link(temporary, final)
+            sync_directory(self.logs)
         except FileExistsError:
             return False
         except OSError as error:
@@ -95,7 +96,6 @@ class Store:
         finally:
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
-        _sync(self.logs)
         return True
 
     def note_attempt(self, name: str) -> None:
@@ -134,12 +134,3 @@ def file_stem(name: str) -> str:
         digest = hashlib.sha256(stem.encode()).hexdigest()[:16]
         stem = f"{stem[: _LONGEST - 17]}~{digest}"
     return stem
-
-
-def _sync(folder: pathlib.Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        with contextlib.suppress(OSError):  # a file system that does not sync directories; the file itself is safe
-            os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -16,7 +16,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -85,25 +85,30 @@ def _git(sources: pathlib.Path, name: str, *arguments: str) -> None:
 
 
 class Server:
-    """A process that times runs of one version. A context manager."""
+    """A process that times runs of one version, begun anew where a run takes too long. A context manager."""
 
     def __init__(self, side: Side) -> None:
         self.side = side
-        environment = os.environ | {"PYTHONPATH": side.path}
+        self._process = self._started()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+
+    def _started(self) -> subprocess.Popen[str]:
         script = pathlib.Path(__file__).with_name("timing_server.py")
-        self._process = subprocess.Popen(
-            [side.python, "-P", str(script)],
+        return subprocess.Popen(
+            [self.side.python, "-P", str(script)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,
-            env=environment,
+            env=os.environ | {"PYTHONPATH": self.side.path},
         )
 
-    def __enter__(self) -> "Server":
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def _end(self) -> None:
         self._process.kill()
         self._process.wait()
         for stream in (self._process.stdin, self._process.stdout):
@@ -112,14 +117,21 @@ class Server:
                     stream.close()
 
     def seconds(self, log: str, method: str) -> float:
-        """Time of a method on all cases of a log [s]; NaN where that version fails. ReplayError if it has gone."""
+        """Time of a method on all cases of a log [s]; NaN where that version fails, or takes more than `MOST_S`.
+
+        Raises ReplayError (E_AGAINST) if the process has gone.
+        """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
             self._process.stdin.write(json.dumps({"log": log, "method": method}) + "\n")
             self._process.stdin.flush()
             ready, _, _ = select.select([self._process.stdout], [], [], MOST_S)
-            answer: Any = json.loads(self._process.stdout.readline()) if ready else {}
+            if not ready:
+                self._end()  # its answer would be taken for that to the next request
+                self._process = self._started()
+                return math.nan
+            answer: Any = json.loads(self._process.stdout.readline())
         except (OSError, ValueError) as error:
             raise ReplayError(AGAINST_ERROR, f"{self.side.name}: its process has ended: {error}") from error
         return math.fsum(answer["seconds"]) if answer.get("seconds") else math.nan
@@ -159,6 +171,7 @@ class Comparison:
 
     @property
     def alarm(self) -> bool:
+        """Whether the new version is slower for certain."""
         return self.low > ALARM
 
 

@@ -4,13 +4,14 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 from replay.regress.reports.history import Point
 from replay.regress.reports.numbers import shown
 
 WIDTH, HEIGHT = 400, 250
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 12, 20, 44
+_MOST_TICKS: Final = 6
 _FARTHEST: Final = 3.0
 """Performance profiles end at so many times the best J."""
 
@@ -40,12 +41,12 @@ class Chart:
     """Places on the x-axis between runs over different logs."""
     marks: tuple[tuple[float, str], ...] = ()
     """Places on the x-axis of runs that failed, and their names."""
-    width: int = WIDTH
-    height: int = HEIGHT
-    left: int = _LEFT
-    right: int = WIDTH - _RIGHT
-    top: int = _TOP
-    bottom: int = HEIGHT - _BOTTOM
+    width: ClassVar = WIDTH
+    height: ClassVar = HEIGHT
+    left: ClassVar = _LEFT
+    right: ClassVar = WIDTH - _RIGHT
+    top: ClassVar = _TOP
+    bottom: ClassVar = HEIGHT - _BOTTOM
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,9 +171,9 @@ def _chosen(count: int) -> list[int]:
     return sorted({round(k * (count - 1) / 2) for k in range(3)})
 
 
-def ticks(low: float, high: float, most: int = 6) -> list[float]:
+def ticks(low: float, high: float) -> list[float]:
     """Round values from `low` to `high`."""
-    raw = (high - low) / most
+    raw = (high - low) / _MOST_TICKS
     power = 10.0 ** math.floor(math.log10(raw))
     step = next(factor * power for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * power >= raw * (1.0 - 1e-9))
     first = math.ceil(low / step - 1e-9)

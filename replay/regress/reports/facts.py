@@ -56,6 +56,7 @@ def cost_ratio(row: Row) -> float | None:
 
 
 def geometric_mean(values: Iterable[float]) -> float | None:
+    """Of positive values; None where there are none."""
     logarithms = [math.log(value) for value in values]
     return math.exp(math.fsum(logarithms) / len(logarithms)) if logarithms else None
 
@@ -83,12 +84,12 @@ def profiles(run: RunData) -> dict[str, list[float]]:
     """For each method, J over the least J that any method reached on that case, ascending."""
     best: dict[str, float] = {}
     for row in run.rows:
-        if cost := row.metrics.get("objective", 0.0):
+        if (cost := row.metrics.get("objective", 0.0)) > 0.0:
             best[row.case] = min(cost, best.get(row.case, math.inf))
     found: dict[str, list[float]] = {name: [] for name in run.methods}
     for row in run.rows:
-        if row.metrics.get("objective", 0.0) > 0.0:
-            found[row.method].append(row.metrics["objective"] / best[row.case])
+        if (cost := row.metrics.get("objective", 0.0)) > 0.0:
+            found[row.method].append(cost / best[row.case])
     return {name: sorted(ratios) for name, ratios in found.items() if ratios}
 
 
@@ -143,6 +144,7 @@ def _regression(run: RunData) -> str:
 
 
 def logs_in_all(run: RunData) -> str:
+    """'3 logs': how many were worked on."""
     return count(len(run.logs), "log")
 
 
@@ -169,6 +171,7 @@ def class_of_logs(run: RunData) -> dict[str, str]:
 
 
 def is_failing(change: Change) -> bool:
+    """Whether the run fails with this change."""
     return change.verdict in FAILING
 
 

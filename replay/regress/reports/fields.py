@@ -79,6 +79,7 @@ def facts(data: Any) -> dict[str, str]:
 
 
 def flag(data: Mapping[str, Any], key: str) -> bool | None:
+    """A truth value; None where there is none."""
     value = data.get(key)
     return value if isinstance(value, bool) else None
 

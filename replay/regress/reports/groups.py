@@ -23,6 +23,7 @@ class Group:
 
     @property
     def worst(self) -> Change:
+        """The one with the largest relative change."""
         return self.changes[0]
 
     @property

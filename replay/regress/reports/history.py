@@ -84,7 +84,7 @@ def _folders(history: pathlib.Path) -> Iterable[str]:
 
 
 def _past(folder: pathlib.Path) -> Point | None:
-    """An earlier run from its summary, or from its results where it has none; None unless it was whole."""
+    """An earlier run from its summary, or from its results where that is missing or not final; None unless whole."""
     with contextlib.suppress(JsonError, Malformed):
         return _stored(read_json(folder / SUMMARY, _LARGEST_SUMMARY))
     try:
@@ -94,12 +94,14 @@ def _past(folder: pathlib.Path) -> Point | None:
     return point(run) if run.complete and not run.partial else None
 
 
-def _stored(document: Any) -> Point:
-    """A point from a summary. Raises Malformed for what is none of a whole run."""
+def _stored(document: Any) -> Point | None:
+    """A point from a summary; None for that of a partial run. Raises Malformed for what is none of a finished one."""
     if not isinstance(document, Mapping) or document.get("schema") != SUMMARY_SCHEMA:
         raise Malformed("not a summary")
-    if not document.get("complete") or document.get("partial"):
-        raise Malformed("not of a whole run")
+    if document.get("partial"):
+        return None
+    if not document.get("complete"):
+        raise Malformed("not of a finished run")
     entry = fields.mapping(document, "trend")
     return Point(
         name=fields.text(entry, "name"),

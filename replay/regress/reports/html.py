@@ -4,7 +4,7 @@ import base64
 import hashlib
 import pathlib
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -78,11 +78,12 @@ def page(run: RunData, trend: Sequence[Point], accept: str = "") -> str:
     return environment.get_template("page.html").render(**content, **functions)
 
 
-class _Look:
-    """How the page shows a method: its label, and the class of its curves in the style sheet."""
+class _Look(NamedTuple):
+    """How the page shows a method."""
 
-    def __init__(self, label: str, css: str) -> None:
-        self.label, self.css = label, css
+    label: str
+    css: str
+    """Class of its curves in the style sheet."""
 
 
 def _charts(run: RunData, trend: Sequence[Point]) -> list[Chart]:

@@ -81,9 +81,10 @@ class Change:
 
     @property
     def relative(self) -> float | None:
-        """The difference over the magnitude before."""
-        difference = self.difference
-        return difference / abs(self.before) if difference is not None and self.before else None  # type: ignore[arg-type]
+        """The difference over the magnitude before, where there is one."""
+        if isinstance(self.before, float) and isinstance(self.after, float) and self.before:
+            return (self.after - self.before) / abs(self.before)
+        return None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,4 +122,5 @@ class RunData:
 
     @property
     def failing(self) -> list[Change]:
+        """The changes with which the run fails."""
         return [change for change in self.changes if change.verdict in FAILING]

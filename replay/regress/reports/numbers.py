@@ -36,6 +36,6 @@ def percent(share: float | None) -> str:
     return text.replace("-", "−")
 
 
-def count(number: int, noun: str, plural: str | None = None) -> str:
+def count(number: int, noun: str) -> str:
     """'1 log', '2 logs'."""
-    return f"{number} {noun if number == 1 else plural or noun + 's'}"
+    return f"{number} {noun}{'s' * (number != 1)}"

@@ -19,13 +19,12 @@ class ChangeLine:
 
     change: Change
     kind: str
+    """Class of the log."""
     href: str | None
+    """Of the case's recording, where there is one."""
     difference: str
     sort: float | None
-
-    @property
-    def recording(self) -> bool:
-        return self.href is not None
+    """By what the column of differences is sorted."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ import pathlib
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 
-from replay.errors import ERROR_LENGTH, ReplayError, printable
+from replay.errors import ReplayError, printable
 from replay.regress.reports import fields
 from replay.regress.reports.fields import Malformed
 from replay.regress.reports.model import VERDICTS, Change, LogError, Row, RunData
@@ -16,14 +16,12 @@ RUN_SCHEMA, LOG_SCHEMA, VERDICTS_SCHEMA = "replay.run/1", "replay.run.log/1", "r
 LARGEST_LOG = 64 * 2**20
 LARGEST_VERDICTS = 512 * 2**20
 """Largest files that are read [bytes]."""
-_LONGEST_ERROR = ERROR_LENGTH + 100
-"""Characters; an error is not cut, for its end is its code."""
 _T = TypeVar("_T")
 
 
 def read_run(folder: pathlib.Path) -> RunData:
     """The run in a folder. ReplayError (E_RUN), one line, where there is none; files damaged in it are named."""
-    head = _head(folder)
+    about = _about(folder)
     damaged: list[str] = []
     rows: list[Row] = []
     errors: list[LogError] = []
@@ -35,20 +33,11 @@ def read_run(folder: pathlib.Path) -> RunData:
     verdicts = folder / "verdicts.json"
     if verdicts.exists():
         changes = _tolerant(verdicts, VERDICTS_SCHEMA, LARGEST_VERDICTS, damaged, _changes)
-    methods = dict.fromkeys((*_names(head.get("methods")), *(row.method for row in rows)))
-    complete, partial = _extent(head)
+    methods = dict.fromkeys((*about.pop("methods"), *(row.method for row in rows)))
     return RunData(
+        **about,
         name=printable(folder.resolve().name),
-        created=fields.text(head, "created", ""),
-        revision=_revision(head.get("revision")),
-        corpus=_corpus(head.get("corpus")),
-        machine=_facts(head.get("machine"), "machine"),
-        versions=fields.facts(head.get("versions")),
-        options=fields.facts(head.get("options")),
         methods=tuple(methods),
-        complete=complete,
-        partial=partial,
-        planned=_planned(head),
         rows=tuple(rows),
         errors=tuple(errors),
         changes=tuple(changes or ()),
@@ -69,16 +58,29 @@ def log_files(folder: pathlib.Path) -> list[pathlib.Path]:
     return [logs / name for name in names if name.endswith(".json") and not name.startswith(".")]
 
 
-def _head(folder: pathlib.Path) -> Mapping[str, Any]:
+def _about(folder: pathlib.Path) -> dict[str, Any]:
+    """The fields of a run that its run.json gives."""
     path = folder / "run.json"
     if not folder.is_dir():
         raise ReplayError(RUN_ERROR, f"{folder}: no such folder, expected one written by `replay regress`")
     try:
-        document = _document(path, RUN_SCHEMA, LARGEST_LOG)
-        fields.text(document, "created", "")
+        head = _document(path, RUN_SCHEMA, LARGEST_LOG)
+        corpus = fields.optional(head, "corpus")
+        num_logs = fields.number(corpus, "num_logs")
+        return {
+            "created": fields.text(head, "created", ""),
+            "revision": fields.text(head, "revision", ""),
+            "corpus": fields.text(corpus, "path", ""),
+            "machine": fields.facts(head.get("machine")),
+            "versions": fields.facts(head.get("versions")),
+            "options": fields.facts(head.get("options")),
+            "methods": fields.words(head, "methods"),
+            "complete": bool(head.get("complete")),
+            "partial": fields.text(head, "partial", ""),
+            "planned": None if num_logs is None else round(num_logs),
+        }
     except (JsonError, Malformed) as error:
         raise ReplayError(RUN_ERROR, f"{path}: {error}; expected the folder of a run of `replay regress`") from None
-    return document
 
 
 def _document(path: pathlib.Path, schema: str, largest: int) -> Mapping[str, Any]:
@@ -104,19 +106,12 @@ def _tolerant(
 def _log(folder: pathlib.Path, data: Mapping[str, Any]) -> tuple[list[Row], list[LogError]]:
     kind = fields.text(data, "class", "")
     if data.get("error") is not None:
-        error = _error(data)
-        expect = fields.text(data, "expect", "")
-        expected = expect.startswith("E_") and error.endswith(f"[{expect}]")
-        return [], [LogError(log=fields.text(data, "log"), kind=kind, error=error, expected=expected)]
+        error = fields.mapping(data, "error")
+        code = fields.text(error, "code")
+        line = f"{fields.text(error, 'message', limit=fields.LONGEST_TEXT)} [{code}]"
+        expected = code == fields.text(data, "expect", "")
+        return [], [LogError(log=fields.text(data, "log"), kind=kind, error=line, expected=expected)]
     return [row for case in fields.entries(data, "cases") for row in _rows(folder, data, case)], []
-
-
-def _error(data: Mapping[str, Any]) -> str:
-    """The line that ends in its code, such as `[E_NO_MAP]`."""
-    error = data["error"]
-    if isinstance(error, Mapping):
-        return f"{fields.text(error, 'message', limit=fields.LONGEST_TEXT)} [{fields.text(error, 'code', '')}]"
-    return fields.text(data, "error", limit=_LONGEST_ERROR)
 
 
 def _rows(folder: pathlib.Path, log: Mapping[str, Any], case: Mapping[str, Any]) -> Iterator[Row]:
@@ -140,7 +135,7 @@ def _rows(folder: pathlib.Path, log: Mapping[str, Any], case: Mapping[str, Any])
             audit=fields.numbers(audit),
             work=fields.numbers(method.get("work")),
             wall_s=fields.number(method, "wall_s"),
-            recording=_recording(folder, method.get("recording") or case.get("recording")),
+            recording=_recording(folder, case.get("recording")),
         )
 
 
@@ -191,40 +186,3 @@ def _tolerance(entry: Mapping[str, Any]) -> str:
     if relative is None and absolute is None:
         return ""
     return " or ".join(parts) or "none: exact"
-
-
-def _names(value: Any) -> list[str]:
-    """Names of methods: a list of them, or an object by name."""
-    if isinstance(value, (list, Mapping)):
-        return [printable(name) for name in value if isinstance(name, str)]
-    return []
-
-
-def _revision(value: Any) -> str:
-    if isinstance(value, Mapping):
-        value = value.get("commit") or value.get("name") or ""
-    return printable(value or "")
-
-
-def _corpus(value: Any) -> str:
-    if isinstance(value, Mapping):
-        value = value.get("path") or value.get("name") or ""
-    return printable(value or "")
-
-
-def _facts(value: Any, name: str) -> dict[str, str]:
-    return {name: printable(value)} if isinstance(value, str) else fields.facts(value)
-
-
-def _extent(head: Mapping[str, Any]) -> tuple[bool, str]:
-    """Whether the run has come to its end, and what it was restricted to."""
-    partial = head.get("partial")
-    words = partial if isinstance(partial, str) else ("a selection of the corpus" if partial else "")
-    return bool(head.get("complete")), printable(words)
-
-
-def _planned(head: Mapping[str, Any]) -> int | None:
-    for value in (head.get("num_logs"), fields.optional(head, "corpus").get("num_logs")):
-        if isinstance(value, int) and not isinstance(value, bool):
-            return value
-    return None
