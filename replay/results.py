@@ -1,4 +1,4 @@
-"""The results file, schema `replay.results/1`: a run as plain data, and the audit repeated from that data alone.
+"""The results file, schema `replay.results/1`: a run as plain data.
 
 Beyond the fields of the schema a document holds, additively: `weights` (of the objective, which the audit
 recomputes), `scene.boundary` (the map's outline or null), `recorded_metrics` and `recorded_audit`,
@@ -13,13 +13,11 @@ import json
 import math
 import os
 import platform
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optim.audit import AuditReport, audit_path
 from optim.path import Path, Segment
 from optim.scene import Scene
 from replay.errors import ReplayError
@@ -27,6 +25,7 @@ from replay.files import atomic_write
 from replay.strict_json import JsonError, read_json
 
 if TYPE_CHECKING:
+    from optim.problem import Problem
     from replay.run import MethodRun, Run
 
 SCHEMA = "replay.results/1"
@@ -40,6 +39,13 @@ LARGEST_FILE = 512 * 2**20
 LEAST_GAIN = 1e-9
 """Relative gain in J that "improved" claims at least where the recorded path passes the audit too [-]: rounding alone
 reaches 1e-12."""
+CLEARANCE_SLACK = 1e-4
+"""By which the clearance of what is "improved" may fall short of the required one [m]; methods keep 1e-6."""
+
+
+def lacks_clearance(problem: "Problem", measured: Mapping[str, float]) -> bool:
+    """Whether a path with these metrics comes nearer to obstacles than a result may."""
+    return measured["min_clearance"] < problem.required_clearance - CLEARANCE_SLACK
 
 
 def to_document(run: "Run", settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -108,7 +114,7 @@ def write_results(path: str | os.PathLike[str], document: Mapping[str, Any]) -> 
 
 
 def read_results(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read a results file from anywhere. What its paths and numbers are worth is `audit_results`' business.
+    """Read a results file from anywhere. What its paths and numbers are worth is the business of `replay.confirm`.
 
     Raises ReplayError (E_RESULTS), one line, for what is no file, too large, no strict JSON (see `strict_json`), of
     another schema, or lacks a field.
@@ -117,7 +123,7 @@ def read_results(path: str | os.PathLike[str]) -> dict[str, Any]:
         document = read_json(path, LARGEST_FILE)
     except JsonError as error:
         raise ReplayError(RESULTS_ERROR, f"{os.fspath(path)}: {error}") from None
-    _require_outline(document, os.fspath(path))
+    require_outline(document, os.fspath(path))
     return document
 
 
@@ -140,7 +146,7 @@ _METHOD_OUTLINE: Mapping[str, type] = {
 _STATUSES = ("improved", "kept", "failed")
 
 
-def _require_outline(document: Any, source: str) -> None:
+def require_outline(document: Any, source: str) -> None:
     """ReplayError (E_RESULTS) unless the document has the schema's fields, and in them the right types."""
     wrong = _wrong_with(document)
     if wrong:
@@ -174,91 +180,6 @@ def _wrong_fields(data: Mapping[str, Any], outline: Mapping[str, type], where: s
         if not isinstance(data[key], kind):
             return f"{where}{key} is a {type(data[key]).__name__}, expected a {kind.__name__}"
     return None
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Verdict:
-    """The audit of one path of a results file, repeated, beside what the file says of it."""
-
-    name: str
-    """Of the method; "recorded" for the recorded path."""
-    report: AuditReport
-    """From the file's vehicle, scene and paths alone."""
-    differences: tuple[str, ...]
-    """What the file claims and the repeated audit does not confirm, one line each."""
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether everything that the file claims holds."""
-        return not self.differences
-
-
-def audit_results(document: Mapping[str, Any]) -> list[Verdict]:
-    """Repeat the audit of the recorded path and of every method's, and compare with the stored verdicts.
-
-    A stored verdict "not passed" that is confirmed is no difference; `report.passed` says whether a path is sound.
-    Raises ReplayError (E_RESULTS) for what is no results document.
-    """
-    _require_outline(document, "document")
-    recorded = _audit_recorded_again(document)
-    stored = document.get("recorded_audit")
-    verdicts = [
-        Verdict(name="recorded", report=recorded, differences=tuple(_disagreements(stored, recorded)) if stored else ())
-    ]
-    for method in document["methods"]:
-        report = _audit_again(document, method["path"], _stored_objective(method["metrics"]))
-        differences = [*_disagreements(method["audit"], report), *_unfounded(method, report, document, recorded)]
-        verdicts.append(Verdict(name=method["name"], report=report, differences=tuple(differences)))
-    return verdicts
-
-
-def _stored_objective(metrics: Any) -> Any:
-    return metrics.get("objective") if isinstance(metrics, Mapping) else None
-
-
-def _audit_again(document: Mapping[str, Any], path: Mapping[str, Any], objective: Any) -> AuditReport:
-    vehicle, scene, recorded = document["vehicle"], document["scene"], document["recorded"]
-    return audit_path(vehicle, scene, recorded, path, document["weights"], objective)
-
-
-def _audit_recorded_again(document: Mapping[str, Any]) -> AuditReport:
-    report = _audit_again(document, document["recorded"], _stored_objective(document.get("recorded_metrics")))
-    if "recorded_metrics" in document:
-        return report
-    return _audit_again(document, document["recorded"], _recomputed_objective(report))  # it claims no objective
-
-
-def _disagreements(stored: Any, report: AuditReport) -> Iterator[str]:
-    """Where a stored report differs from the repeated one. A stored one may have fewer checks."""
-    if not isinstance(stored, Mapping) or stored.get("passed") is not report.passed:
-        found = "; ".join(report.failures) or "passed"
-        yield f"the stored audit does not say {'passed' if report.passed else 'not passed'}; repeated: {found}"
-    checks = stored.get("checks") if isinstance(stored, Mapping) else None
-    for name, check in checks.items() if isinstance(checks, Mapping) else ():
-        again = report.checks.get(name)
-        passed = check.get("passed") if isinstance(check, Mapping) else None
-        if again is None or again.passed is not passed:
-            yield f"the stored check {str(name)[:40]!r} is not confirmed: {again.sentence if again else 'not made'}"
-
-
-def _unfounded(
-    method: Mapping[str, Any], report: AuditReport, document: Mapping[str, Any], recorded: AuditReport
-) -> Iterator[str]:
-    """What is wrong with a method's status."""
-    if method["status"] != "improved":
-        if method["path"] != document["recorded"]:
-            yield f"the status is {method['status']!r}, but the path is not the recorded one"
-        return
-    if not report.passed:
-        yield "the status is 'improved', but the audit does not pass"
-    before, after = (_recomputed_objective(audited) for audited in (recorded, report))
-    if recorded.passed and not after < before * (1.0 - LEAST_GAIN):
-        yield f"the status is 'improved', but J is {after:.9g} and the recorded path's {before:.9g}"
-
-
-def _recomputed_objective(report: AuditReport) -> float:
-    check = report.checks.get("objective")
-    return check.values["recomputed"] if check else math.nan
 
 
 def _method(method: "MethodRun") -> dict[str, Any]:

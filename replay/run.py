@@ -17,7 +17,7 @@ from optim.path import Path
 from optim.problem import Problem
 from optim.result import Iterate, Picture, Result, Stop
 from replay.case import Case
-from replay.results import LEAST_GAIN, path_to_document, scene_to_document
+from replay.results import LEAST_GAIN, lacks_clearance, path_to_document, scene_to_document
 from replay.solving import OnNamedIterate, OnStart, Solved, SolveEach, solve_in_turn
 
 Status = Literal["improved", "kept", "failed"]
@@ -243,6 +243,10 @@ def _judge(run: Run, result: Result) -> dict[str, Any]:
     if not report.passed:
         reason = "The audit turned its path down: " + "; ".join(report.failures)
         return end | _recorded(run, "kept", reason) | {"rejected": report.to_dict(), "rejected_path": result.path}
+    if lacks_clearance(problem, measured):
+        found, required = measured["min_clearance"], problem.required_clearance
+        reason = f"Its path has {found:.3f} m of clearance, {required:.3f} m are required."
+        return end | _recorded(run, "kept", reason)
     before, after = run.recorded_metrics["objective"], measured["objective"]
     reason = result.reason
     if not run.recorded_audit["passed"]:

@@ -1,8 +1,9 @@
 """A run rebuilt from its results document: enough to draw and to compare it. Iterates and the map are not stored."""
 
+import contextlib
 import math
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,17 @@ from replay.run import MethodRun, Run
 
 def run_of(document: Mapping[str, Any], source: str) -> Run:
     """The run of a results document that `read_results` has read. ReplayError (E_RESULTS) where a field is no good."""
-    try:
+    with _rebuilt(f"{source}: its run"):
         return _run(document)
+
+
+@contextlib.contextmanager
+def _rebuilt(what: str) -> Iterator[None]:
+    try:
+        yield
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        what = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        raise ReplayError(RESULTS_ERROR, f"{source}: its run cannot be rebuilt: {what}") from error
+        why = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise ReplayError(RESULTS_ERROR, f"{what} cannot be rebuilt: {why}") from error
 
 
 def _run(document: Mapping[str, Any]) -> Run:
@@ -46,6 +53,12 @@ def _run(document: Mapping[str, Any]) -> Run:
         options=tool.get("options") or {},
         seed=int(tool.get("seed") or 0),
     )
+
+
+def problem_of(document: Mapping[str, Any]) -> Problem:
+    """The problem that a results document states. ReplayError (E_RESULTS) where a field is no good."""
+    with _rebuilt("its problem"):
+        return _problem(document)
 
 
 def _problem(document: Mapping[str, Any]) -> Problem:

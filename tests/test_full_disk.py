@@ -9,7 +9,8 @@ from collections.abc import Iterator
 import pytest
 from logs_maker import sound_log
 
-from replay.results import audit_results, read_results
+from replay.confirm import audit_results
+from replay.results import read_results
 
 START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
 

@@ -23,9 +23,9 @@ from optim.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.scene import make_scene
 from optim.vehicle import Vehicle
 from replay.case import Case, ReadReport
+from replay.confirm import audit_results
 from replay.errors import ReplayError
 from replay.results import (
-    audit_results,
     path_from_document,
     path_to_document,
     read_results,
@@ -336,6 +336,13 @@ def tampered(stored: Document, *keys: Any, value: Any) -> Document:
         (("methods", 1, "path"), path_to_document(straight(10.0)), "same", "the path is not the recorded one"),
         (("vehicle", "truck_width"), 6.5, "better", "repeated: clearance"),
         (("vehicle", "wheelbase"), "3.6", "better", "repeated: structure"),
+        (("methods", 0, "metrics", "length"), 7.0, "better", "stored metric length is 7, recomputed 10"),
+        (("methods", 0, "metrics", "cusps"), "0", "better", "stored metric cusps is 0, recomputed 0"),
+        (("methods", 0, "metrics", "min_clearance"), None, "better", "stored metric min_clearance is None"),
+        (("methods", 0, "audit", "checks", "steer", "values", "steer_rad"), 0.1, "better", "'steer': steer_rad is 0.1"),
+        (("methods", 0, "audit", "checks", "steer", "limits", "steer_rad"), 9.0, "better", "limit of steer_rad is 9"),
+        (("vehicle", "trailer_width"), 2.6, "better", "check 'clearance': trailer_m is"),
+        (("recorded_metrics", "length"), 1.0, "recorded", "stored metric length is 1"),
         (("recorded_metrics", "objective"), 1.0, "recorded", "repeated: objective"),
         (("recorded_audit", "passed"), False, "recorded", "stored audit does not say passed"),
     ],

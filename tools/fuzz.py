@@ -34,6 +34,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 atheris: Any = importlib.import_module("atheris")
 with atheris.instrument_imports(include=["replay"]):
+    from replay.confirm import audit_results
     from replay.errors import ReplayError
     from replay.logs import foxglove
     from replay.logs.assemble import read_cases
@@ -45,7 +46,7 @@ with atheris.instrument_imports(include=["replay"]):
     from replay.logs.records import Metadata
     from replay.logs.ros2 import FAMILIES
     from replay.logs.vehicle import nodes_of, vehicle_of
-    from replay.results import audit_results, read_results
+    from replay.results import read_results
 
 logs_maker: Any = importlib.import_module("logs_maker")
 foxglove_maker: Any = importlib.import_module("foxglove_maker")

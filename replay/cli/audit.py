@@ -8,8 +8,9 @@ from cyclopts import Parameter
 
 from replay.cli.console import Common, Voice
 from replay.cli.usage import ExitStatus, reflowed
+from replay.confirm import Verdict, audit_results
 from replay.errors import ReplayError
-from replay.results import Verdict, audit_results, read_results
+from replay.results import read_results
 from replay.tables import checks_table
 
 
