@@ -6,10 +6,17 @@ with kernels go; what is left is current. Only the default place of the cache is
 """
 
 import importlib.util
+import os
 import pathlib
 import re
 
 _KERNEL = re.compile(r"^@(kernel|njit)\b", re.MULTILINE)
+
+
+def any_compiled(folder: pathlib.Path | None = None) -> bool:
+    """Whether kernels of `folder`, by default the package `optim`, have been compiled before, as far as one can see."""
+    own_place = os.environ.get("NUMBA_CACHE_DIR")
+    return bool(own_place) or any((folder or _package_folder()).rglob("__pycache__/*.nbc"))
 
 
 def drop_stale(folder: pathlib.Path | None = None) -> int:

@@ -26,6 +26,10 @@ MOST_ITERATES = 400
 """Iterates kept for playing back, at most; the first and the last accepted one always are."""
 LEAST_VIOLATION = 1e-4
 """Violation, in the method's own scaling, from which on an iterate is not worth an audit."""
+EQUAL = 1e-6
+"""Relative difference in J by which no path is better than another [-]."""
+AS_GOOD = 1e-3
+"""Relative difference in J that nobody would notice [-]."""
 MOST_TRIED = 10
 """Iterates of a method without a result that are audited, at most."""
 
@@ -80,9 +84,17 @@ class Run:
 
     @property
     def best(self) -> MethodRun | None:
-        """The improved path of least J, the quicker method's where two are equal; None if none improved."""
+        """The improved path of least J, of equal ones that of the method named first; None if none improved."""
         improved = [run for run in self.methods if run.status == "improved"]
-        return min(improved, key=lambda run: (run.metrics["objective"], run.wall_s), default=None)
+        least = min((run.metrics["objective"] for run in improved), default=math.inf)
+        return next((run for run in improved if run.metrics["objective"] <= least * (1.0 + EQUAL)), None)
+
+    @property
+    def as_good(self) -> list[MethodRun]:
+        """Other improved paths, whose J is the best one's but for what nobody would notice."""
+        best, improved = self.best, [run for run in self.methods if run.status == "improved"]
+        most = math.inf if best is None else best.metrics["objective"] * (1.0 + AS_GOOD)
+        return [run for run in improved if run is not best and run.metrics["objective"] <= most]
 
     @property
     def fell_short(self) -> bool:

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from replay.errors import printable
-from replay.run import Run
+from replay.run import AS_GOOD, Run
 
 _STYLE_OF_STATUS = {"improved": "green", "kept": "yellow", "failed": "red"}
 
@@ -29,6 +29,24 @@ def verdict(run: Run) -> str:
         return f"{run.case.name}: {best.name} is sound, the recorded path is not: {', '.join(gains)}"
     share = f"{saved:.1%}" if saved >= 0.001 else "less than 0.1%"
     return f"{run.case.name}: {best.name} is {share} better: {', '.join(gains)}"
+
+
+def remarks(run: Run) -> list[str]:
+    """Whether the path to drive is safe, and which methods' paths are as good."""
+    best, required = run.best, run.case.problem.required_clearance
+    if best is None:
+        passes = "passes the audit" if run.recorded_audit["passed"] else "does not pass the audit"
+        return [f"the recorded path stands: it {passes}, {_clearance(run.recorded_metrics)}"]
+    asked = "" if math.isinf(best.metrics["min_clearance"]) else f" (required {required:.3f} m)"
+    lines = [f"safe: it passes the audit, {_clearance(best.metrics)}{asked}"]
+    if run.as_good:
+        lines.append(f"as good within {AS_GOOD:.1%}: {', '.join(method.name for method in run.as_good)}")
+    return lines
+
+
+def _clearance(metrics: Mapping[str, float]) -> str:
+    value = metrics["min_clearance"]
+    return "no obstacles" if math.isinf(value) else f"clearance {value:.3f} m"
 
 
 def gear_changes(count: float) -> str:
@@ -77,8 +95,8 @@ def checks_table(reports: Mapping[str, Mapping[str, Any]]) -> Table:
     }
     for (check, key), limit in limits.items():
         cells = [_check_cell(report["checks"].get(check), key) for report in reports.values()]
-        sign = "≥" if check == "clearance" else "≤"
-        table.add_row(check, _quantity(key), *cells, "" if limit is None else f"{sign} {limit:.3g}")
+        sign = "≥" if check in ("clearance", "boundary") else "≤"
+        table.add_row(check, _quantity(key), *cells, "" if limit is None else f"{sign}{limit:.3g}")
     return table
 
 

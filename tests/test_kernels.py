@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from numba.core.errors import TypingError
 
-from replay.kernels import drop_stale
+from replay.kernels import any_compiled, drop_stale
 
 INNER = "from numba import njit\n@njit(cache=True)\ndef inner():\n    return {value}\n"
 OUTER = "from numba import njit\nfrom inner import inner\n@njit(cache=True)\ndef outer():\n    return inner()\n"
@@ -80,3 +80,11 @@ def test_a_kernel_that_cannot_be_compiled_leaves_its_lock_to_the_next_try(tmp_pa
     with pytest.raises(TypingError):
         broken.plus("a")
     assert broken.plus(1) == 2
+
+
+def test_whether_anything_was_compiled_before_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    (tmp_path / "part" / "__pycache__").mkdir(parents=True)
+    assert not any_compiled(tmp_path)
+    (tmp_path / "part" / "__pycache__" / "step.nbc").touch()
+    assert any_compiled(tmp_path)

@@ -21,7 +21,7 @@ from replay.case import Case, ReadReport
 from replay.confirm import audit_results
 from replay.results import to_document
 from replay.run import MOST_ITERATES, Interrupted, run_case
-from replay.tables import result_table, verdict
+from replay.tables import remarks, result_table, verdict
 
 VEHICLE = Vehicle()
 BLOCK = np.array([[0.0, 6.0], [4.0, 6.0], [4.0, 9.0], [0.0, 9.0]])
@@ -309,6 +309,25 @@ def test_the_best_is_the_improved_path_of_least_objective():
     run = run_case(case(), methods)
     assert [method.status for method in run.methods] == ["improved", "improved", "failed"]
     assert run.best is run.methods[1]
+
+
+def test_of_equal_paths_the_first_is_the_best_whatever_took_longer_and_the_others_are_as_good():
+    nearly = straight(12.0, weave=1e-5)
+    methods = {"slow": Answer(path=nearly, num_iterates=200), "quick": Answer(path=BETTER), "same": Answer(path=nearly)}
+    run = run_case(case(), methods)
+    assert [method.status for method in run.methods] == ["improved"] * 3
+    assert run.best is run.methods[0]
+    assert [method.name for method in run.as_good] == ["quick", "same"]
+    assert remarks(run)[-1] == "as good within 0.1%: quick, same"
+
+
+def test_it_is_said_whether_what_stands_is_safe():
+    improved = run_case(case(block=block_ahead(0.3)), {"answer": Answer(path=straight(13.0, -1.0))})
+    assert remarks(improved) == ["safe: it passes the audit, clearance 0.300 m (required 0.100 m)"]
+    kept = run_case(case(), {"answer": Answer(path=RECORDED)})
+    assert remarks(kept)[0].startswith("the recorded path stands: it passes the audit, clearance ")
+    bent = run_case(case(straight(12.0, weave=0.6)), {"answer": Answer(path=straight(12.0, weave=0.6))})
+    assert remarks(bent)[0].startswith("the recorded path stands: it does not pass the audit")
 
 
 def test_options_and_seed_are_noted():

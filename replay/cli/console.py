@@ -30,7 +30,7 @@ class Common:
     json: _Switch = False
     """Print one JSON document on standard output, and nothing else there."""
     quiet: _Switch = False
-    """No progress and no notes; errors only."""
+    """No progress and no notes: the result, and errors."""
     verbose: _Switch = False
     """More notes, and tracebacks of errors, on standard error."""
 

@@ -17,13 +17,14 @@ from replay.cli.usage import ExitStatus
 from replay.errors import LogError, OutputLost, ReplayError
 from replay.export import write_export
 from replay.files import reserved
+from replay.kernels import any_compiled
 from replay.live import LiveView
 from replay.logs import ReadOptions, read_cases
 from replay.progress import Progress
 from replay.results import to_document, tool, write_results
 from replay.run import Interrupted, MethodRun, Run, run_case
 from replay.solving import SolveEach, solve_in_turn
-from replay.tables import reasons, recorded_failures, result_table, verdict
+from replay.tables import reasons, recorded_failures, remarks, result_table, verdict
 from replay.worker import NO_LIMITS, Limits, Workers, can_isolate, usable_cores
 
 
@@ -110,6 +111,8 @@ class Session:
         """Run all logs; the exit status. What was finished before a Ctrl-C is written and shown."""
         entries: list[LogEntry] = []
         interrupted = False
+        if not any_compiled():
+            self.voice.note("the first run on this machine compiles the inner loops, which may take a minute or two")
         try:
             with self._solver() as solver:
                 for log in logs:
@@ -224,7 +227,7 @@ class Session:
                 progress.show(run.case.name, f"writing {names.recording.name}")
                 write_recording(run, names.recording)
                 written.append(str(names.recording))
-        self.voice.show(verdict(run), result_table(run), *(f"wrote {name}" for name in written), "")
+        self.voice.show(verdict(run), *remarks(run), result_table(run), *(f"wrote {name}" for name in written), "")
         compile_s = sum(method.compile_s for method in run.methods)
         if compile_s >= 1.0:
             self.voice.note(

@@ -9,19 +9,18 @@ from typing import TYPE_CHECKING, Any
 from optim.arrays import Array
 from replay.recording.text import cell, change, count, measured, number, table
 from replay.recording.tracks import Track
+from replay.run import AS_GOOD
 
 if TYPE_CHECKING:
     from replay.run import Run
 
 _NO_VALUE = "–"
-_SAME = 1e-3
-"""Relative difference in J that is no difference [-]."""
 _LONGEST_OPTION = 60  # characters
 
 
 def summary(run: "Run", tracks: list[Track], best: Track | None) -> str:
     """Verdict first, then the table, then every method's reason in its own words."""
-    lines = [*_verdict(tracks, best, run.case.problem.required_clearance), *_as_good(tracks, best)]
+    lines = [*_verdict(tracks, best, run.case.problem.required_clearance), *_as_good(run, tracks)]
     lines += ["", _comparison(tracks, best), ""]
     lines += [_outcome(track) for track in tracks[1:]]
     lines += _warnings(run, tracks[0])
@@ -91,21 +90,17 @@ def _comparison(tracks: list[Track], best: Track | None) -> str:
 
 def _mark(track: Track) -> str:
     if track.run is None:
-        return "(sound)" if track.audit.get("passed") else "✗ unsound"
+        return _NO_VALUE if track.audit.get("passed") else "✗ unsound"
     if track.run.rejected is not None:
         return "✗ rejected"
     # one letter where all is well: five methods fit into a window of 1280 pixels so
     return {"improved": "✓", "kept": "kept", "failed": "✗ failed"}.get(track.status, cell(track.status))
 
 
-def _as_good(tracks: list[Track], best: Track | None) -> list[str]:
-    """Other methods with the same J but for what nobody would notice: the time that they take may decide then."""
-    if best is None:
-        return []
-    least = (1.0 + _SAME) * best.metrics["objective"]
-    improved = [track for track in tracks[1:] if track.status == "improved" and track is not best]
-    names = [cell(each.style.label) for each in improved if each.metrics["objective"] <= least]
-    return ["", f"As good within {100.0 * _SAME:g} %: {', '.join(names)}"] if names else []
+def _as_good(run: "Run", tracks: list[Track]) -> list[str]:
+    """Other methods that are as good: the time that they take may decide then."""
+    names = [cell(track.style.label) for track in tracks if track.run in run.as_good]
+    return ["", f"As good within {100.0 * AS_GOOD:g} %: {', '.join(names)}"] if names else []
 
 
 def _outcome(track: Track) -> str:

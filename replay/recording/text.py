@@ -48,11 +48,12 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def change(before: float, after: float) -> str:
-    """Relative change in per cent, signed: '−20 %'."""
+    """Relative change in per cent, signed: '−20 %', '−0.4 %'."""
     if not (math.isfinite(before) and math.isfinite(after)) or before == 0.0:
         return "–"
-    percent = round(100.0 * (after - before) / abs(before))
-    return f"{percent:+d} %".replace("-", "−") if percent else "±0 %"
+    percent = 100.0 * (after - before) / abs(before)
+    shown = f"{percent:+.0f}" if abs(percent) >= 0.95 else f"{percent:+.1f}"
+    return f"{shown} %".replace("-", "−") if float(shown) else "±0 %"
 
 
 def table(rows: list[list[str]]) -> str:

@@ -97,10 +97,9 @@ def tracks_of(run: "Run", looks: Mapping[str, Style] | None = None) -> list[Trac
     return tracks
 
 
-def best_of(tracks: list[Track]) -> Track | None:
-    """The improved path of least J, or None."""
-    improved = [track for track in tracks if track.status == "improved"]
-    return min(improved, key=lambda track: track.metrics["objective"], default=None)
+def best_of(run: "Run", tracks: list[Track]) -> Track | None:
+    """The track of the run's best path, or None."""
+    return next((track for track in tracks if track.run is not None and track.run is run.best), None)
 
 
 def _track(

@@ -82,7 +82,7 @@ def _version() -> str:
 
 def fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Array) -> None:
     """Log all of a run that `localised` has moved by `offset` [m], and the arrangement for it."""
-    problem, best = run.case.problem, best_of(tracks)
+    problem, best = run.case.problem, best_of(run, tracks)
     frame = frame_around(problem.scene, [track.area for track in tracks])
     ground.log_ground(rec, run.case, frame)
     ground.log_ends(rec, problem)
