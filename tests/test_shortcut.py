@@ -104,7 +104,7 @@ def test_the_seed_decides_which_intervals_are_tried():
 @pytest.mark.parametrize("seed", [0, 1, 4, 6])
 def test_an_obstacle_in_the_way_is_not_cut_through(variant, seed):
     problem = dataclasses.replace(random_problem(seed), scene=make_scene([]))
-    method = Shortcut(variant=variant)
+    method = Shortcut(variant=variant, tries=1000)
     free = method.solve(problem).path
     recorded = _swept(problem.recorded).buffer(0.3)
     ground = _swept(free).difference(recorded)
