@@ -88,7 +88,7 @@ def make_app() -> App:
     app.command(
         "replay.cli.completion:install_completion",
         name="--install-completion",
-        help="Install completion for the shell in use (bash, zsh, fish).",
+        help="Install completion for the shell in use, or --shell bash, zsh or fish.",
     )
     return app
 
