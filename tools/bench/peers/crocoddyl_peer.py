@@ -15,7 +15,6 @@ from typing import Any, cast
 
 import numpy as np
 
-import optim.methods  # noqa: F401 - whole, before parts of it that import each other
 from optim.arrays import Array, IntArray
 from optim.ddp.augmented import FALLEN, GROWTH, Descent, Plan, descend, start_descent
 from optim.ddp.model import TruckModel, knots_from
