@@ -21,7 +21,6 @@ import numpy as np
 
 from optim.arrays import frozen
 from optim.cpo.discs import axle_point, covering_discs
-from optim.cpo.drivable import Trust
 from optim.cpo.points import Row, Track, spread
 from optim.cpo.rounds import TOLERATED, Settings, Trial, checks, improve
 from optim.cpo.terms import Terms
@@ -141,7 +140,6 @@ class Cpo:
         return Settings(
             problem=problem,
             terms=self.terms(problem, self.spacing),
-            trust=Trust(),
             spacing=self.spacing,
             rounds=self.rounds,
             sweeps=self.sweeps,
