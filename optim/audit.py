@@ -94,15 +94,9 @@ def audit_path(
     return _audit(_Document(vehicle, scene, path, _Claim(recorded, weights, reported_objective)), tolerances, ALL)
 
 
-def audit_recorded(
-    vehicle: Mapping[str, Any],
-    scene: Mapping[str, Any],
-    path: Mapping[str, Any],
-    *,
-    tolerances: Tolerances = Tolerances(),
-) -> AuditReport:
+def audit_recorded(vehicle: Mapping[str, Any], scene: Mapping[str, Any], path: Mapping[str, Any]) -> AuditReport:
     """Check that a path is drivable and free: all checks but `start`, `goal` and `objective`."""
-    return _audit(_Document(vehicle, scene, path, None), tolerances, ALL)
+    return _audit(_Document(vehicle, scene, path, None), Tolerances(), ALL)
 
 
 class _Claim(NamedTuple):

@@ -10,8 +10,6 @@ The signed distance is the largest gap over all n: the Euclidean distance when t
 depth of penetration when they overlap. In the second case, and to tell the two apart, the candidates are the
 rectangle's two axes and **the normals of all the polygon's edges** (Esteban Cabezos 2020, section 2.6, tests two
 axes of the obstacle: enough for rectangles only).
-
-Numba does not see changes in another file: after a change here, delete the caches of `optim/sweep.py` too.
 """
 
 import math

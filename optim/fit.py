@@ -20,13 +20,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from optim.arrays import Array, IntArray, frozen
-from optim.fit_system import Bounds, FitOptions, Layout, Task, gaps_of, gauss_newton, goal_hitch_sigma
+from optim.fit_system import Bounds, FitOptions, Layout, Task, gaps_of, gauss_newton, goal_hitch_sigma, step_lengths
 from optim.path import Path, resample, segment_from_states
 from optim.vehicle import Vehicle, roll_out
 
 _STEER_GUESS = 1.2  # [rad]: larger angles are no steering; keeps tan(phi) away from its pole
 _ROOM = 0.9  # steps are laid out this much shorter than the spacing, since the fit may lengthen them
 _LARGEST_STEP = 0.3  # [rad]: a Gauss-Newton step changes no steering angle by more
+_HITCH_GUESS = 1.5  # [rad]: integrated from noisy poses in reverse, the hitch angle runs away
+_WIDEST_TURN = 1.5  # [rad], half a turn between two poses: more is no arc, and the length must stay finite
+_SHRINK = 0.1  # a Gauss-Newton step leaves at least this share of each length
+_CLOSED = 1e-7  # largest break of the kinematics of a fit that has converged [m or rad]
 _LONGEST = 10.0  # times the arc between two poses: what diverges stays of a size that can be sampled
 
 
@@ -103,7 +107,7 @@ def fit_path(
         position_error=frozen(np.hypot(*(at_pose[:, :2] - poses[:, :2]).T)),
         heading_error=frozen(np.where(trust[:, 1] > 0.0, np.abs(at_pose[:, 2] - poses[:, 2]), 0.0)),
         hitch_error=frozen([] if alpha is None else np.abs(at_pose[:, 3] - alpha)),
-        converged=defect <= 1e-7,
+        converged=defect <= _CLOSED,
         defect=defect,
         goal_hitch_sigma=goal_hitch_sigma(task, knots, lengths),
         knots=frozen(knots),
@@ -119,7 +123,7 @@ def _descend(task: Task, knots: Array, lengths: Array) -> tuple[Array, Array]:
         change = step[:size].reshape(-1, 5)
         scale = min(1.0, _LARGEST_STEP / max(np.abs(change[:, 4]).max(), 1e-12))
         knots = knots + scale * change
-        lengths = np.clip(lengths + scale * step[size:], 0.1 * lengths, longest)
+        lengths = np.clip(lengths + scale * step[size:], _SHRINK * lengths, longest)
         if np.abs(step).max() <= options.tolerance:
             break
     return knots, lengths
@@ -128,7 +132,7 @@ def _descend(task: Task, knots: Array, lengths: Array) -> tuple[Array, Array]:
 def _arc_lengths(poses: Array) -> Array:
     """Length of the circular arc between neighbouring poses [m]."""
     chord = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-    half = np.minimum(np.abs(np.diff(poses[:, 2])) / 2.0, 1.5)
+    half = np.minimum(np.abs(np.diff(poses[:, 2])) / 2.0, _WIDEST_TURN)
     return chord / np.sinc(half / np.pi)
 
 
@@ -148,9 +152,8 @@ def _first_guess(
 ) -> Array:
     """Knots (K, 5): poses interpolated, steering from the turn of each interval, hitch logged or integrated."""
     knots = np.empty((layout.num_knots, 5))
-    steer = np.arctan(
-        vehicle.wheelbase * np.diff(poses[:, 2]) / lengths * layout.direction[np.cumsum(layout.pieces) - 1]
-    )
+    gears = layout.direction[np.cumsum(layout.pieces) - 1]  # of each interval between poses
+    steer = np.arctan(vehicle.wheelbase * np.diff(poses[:, 2]) / lengths * gears)
     steer = np.clip(steer, -_STEER_GUESS, _STEER_GUESS)
     logged = poses if alpha is None else np.column_stack([poses, alpha])
     hitch = initial_hitch
@@ -161,15 +164,15 @@ def _first_guess(
         knots[block, : logged.shape[1]] = logged[k] + share * (logged[k + 1] - logged[k])
         knots[block, 4] = steer[k]
         if alpha is None:
-            s, gear = share[:, 0] * lengths[k], int(layout.direction[layout.interval == k][0])
-            state = np.array([*poses[k], hitch])
-            knots[block, 3] = np.clip(roll_out(vehicle, state, s, np.full(n + 1, steer[k]), gear)[:, 3], -1.5, 1.5)
+            s, state = share[:, 0] * lengths[k], np.array([*poses[k], hitch])
+            driven = roll_out(vehicle, state, s, np.full(n + 1, steer[k]), int(gears[k]))
+            knots[block, 3] = np.clip(driven[:, 3], -_HITCH_GUESS, _HITCH_GUESS)
             hitch = float(knots[first + n, 3])
     return knots
 
 
 def _to_path(layout: Layout, knots: Array, lengths: Array) -> tuple[Path, Array]:
-    ds = lengths[layout.interval] / layout.pieces[layout.interval]
+    ds = step_lengths(layout, lengths)
     breaks = np.flatnonzero(np.diff(layout.left) > 1) + 1
     segments = []
     for steps in np.split(np.arange(len(layout.left)), breaks):

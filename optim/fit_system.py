@@ -15,7 +15,7 @@ from optim.vehicle import Vehicle, rk4_step_jacobian
 _SIGMA_BOUND = 1e-4  # by which a limit may be broken, in proportion to what speaks against it [rad or rad/m]
 _SIGMA_CLEAR = 1e-3  # the same of the clearance [m]
 _INSIDE = 1e-3  # relative; limits are kept so much more tightly than they are, to pay for that
-_SIGMA_HITCH = 0.05  # [rad]
+_SIGMA_HITCH = 0.05  # of a logged hitch angle at a pose whose heading is not known [rad]
 _SIGMA_GOAL = 2e-3  # of a last hitch angle that is asked for [rad]
 _MOST_NEAR = 4  # polygons that push one body at one knot
 
@@ -31,7 +31,7 @@ class FitOptions:
     sigma_heading: float = 0.005
     """Expected error of a logged heading or hitch angle [rad]."""
     sigma_bend: float = 0.3
-    """Expected size of d2phi/ds2 per square root of a metre [rad/m^2.5]."""
+    """Expected change of dphi/ds over a metre; it grows with the square root of the length [rad/m^1.5]."""
     max_iterations: int = 25
     """Gauss-Newton steps."""
     max_bounded: int = 40
@@ -81,7 +81,7 @@ def gaps_of(task: Task, knots: Array, lengths: Array) -> tuple[Array, Array]:
     """Breaks of the kinematics over each step (M, 4), and the step's derivatives (M, 4, 7)."""
     layout = task.layout
     start, end = knots[layout.left], knots[layout.left + 1]
-    ds = _steps(layout, lengths)
+    ds = step_lengths(layout, lengths)
     reached, jacobian = rk4_step_jacobian(task.vehicle, start[:, :4], start[:, 4], end[:, 4], ds, layout.direction)
     return end[:, :4] - reached, jacobian
 
@@ -117,7 +117,8 @@ def _factors(free: Any, hard: Any) -> Any:
     return splu(sparse.bmat([[normal, hard.T], [hard, -1e-12 * sparse.identity(hard.shape[0])]], format="csc"))
 
 
-def _steps(layout: Layout, lengths: Array) -> Array:
+def step_lengths(layout: Layout, lengths: Array) -> Array:
+    """Of each step [m], from those between neighbouring poses (n - 1,). Shape (M,)."""
     return lengths[layout.interval] / layout.pieces[layout.interval]
 
 
@@ -160,7 +161,7 @@ def _residuals(task: Task, knots: Array, lengths: Array) -> _Triplets:
     if task.goal_hitch is not None:
         off = np.array([(task.goal_hitch - knots[-1, 3]) / _SIGMA_GOAL])
         rows.add(np.array([[knots.size - 2]]), np.array([[1.0 / _SIGMA_GOAL]]), off)
-    ds = _steps(layout, lengths)
+    ds = step_lengths(layout, lengths)
     inner = np.flatnonzero(np.diff(layout.left) == 1)  # pairs of steps within one segment
     h0, h1 = ds[inner], ds[inner + 1]
     weight = 1.0 / (task.options.sigma_bend * np.sqrt((h0 + h1) / 2.0))
@@ -201,7 +202,7 @@ def _add_bounds(rows: _Triplets, task: Task, bounds: Bounds, knots: Array, lengt
             excess = _excess(knots[:, column], limit)
             at = np.flatnonzero(excess)
             rows.add((5 * at + column)[:, None], np.full((len(at), 1), 1.0 / _SIGMA_BOUND), -excess[at] / _SIGMA_BOUND)
-        ds = _steps(task.layout, lengths)
+        ds = step_lengths(task.layout, lengths)
         excess = _excess((knots[left + 1, 4] - knots[left, 4]) / ds, vehicle.max_steer_rate)
         at = np.flatnonzero(excess)
         cols = 5 * (left[at][:, None] + np.array([1, 0])) + 4

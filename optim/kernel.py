@@ -3,6 +3,9 @@
 Numba's files of a kernel are not safe where processes of a fresh machine compile it at once: a process reads the index,
 adds a signature of its own, and writes both back, so the index can end up naming code of another signature, which is
 then called with arguments of the wrong types. Here whoever compiles holds a lock; the others wait and load.
+
+Numba does not see a change in the file of a kernel that another one calls: whoever runs kernels after such a change
+must remove what is kept of the callers first.
 """
 
 import contextlib

@@ -3,7 +3,8 @@
     J = w_length L + w_steer int phi^2 ds + w_rate int (dphi/ds)^2 ds
         + w_cusp (number of cusps) + w_jump sum over cusps of (jump of phi)^2
 
-phi is linear between samples, so both integrals are exact sums.
+phi is linear between samples, so both integrals are exact sums. Where two segments of one gear meet, since the vehicle
+stands still to steer, the jump counts, but not as a gear change.
 """
 
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from optim.arrays import Array
 from optim.path import Path
 
 
@@ -27,7 +29,7 @@ class Weights:
     cusp: float = 5.0
     """Of each gear change [-]."""
     jump: float = 1.0
-    """Of the squared change of steering at standstill, at each gear change [1/rad^2]."""
+    """Of the squared change of steering at standstill, as at each gear change [1/rad^2]."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -56,6 +58,6 @@ def objective(path: Path, weights: Weights) -> float:
     return sum(terms(path, weights).values())
 
 
-def cusp_jumps(path: Path) -> np.ndarray:
+def cusp_jumps(path: Path) -> Array:
     """Change of steering between neighbouring segments [rad]. Shape (number of segments - 1,)."""
     return np.array([after.phi[0] - before.phi[-1] for before, after in pairwise(path.segments)], dtype=float)

@@ -92,7 +92,7 @@ class Samples(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Segments in the order in which they are driven; at least one."""
+    """Segments in the order in which they are driven. Raises ValueError for none."""
 
     segments: tuple[Segment, ...]
 

@@ -24,7 +24,8 @@ from optim.kernel import kernel
 from optim.scene import Scene
 from optim.vehicle import Vehicle
 
-_COLUMNS = 8
+_COLUMNS = 8  # knot, body, polygon, distance, and the gradient's four
+_ROOM = 256  # rows to begin with; where there are more, the table is made anew
 _SHORTEST = 1e-3  # sides that overlap by less, as a share of the body's length, meet in a point
 
 
@@ -49,11 +50,10 @@ def separations(scene: Scene, vehicle: Vehicle, states: Array, reach: float, mos
     At most the `most` nearest polygons of each body in each state; the nearest is always among them.
     """
     states = frozen(states)
-    kinds = frozen([reach, vehicle.hitch_offset, _SHORTEST])
-    room = 256
+    room, place = _ROOM, (scene.packed, vehicle.footprints, vehicle.hitch_offset)
     while True:
         table = np.empty((room, _COLUMNS))
-        count = separation_kernel(scene.packed, vehicle.footprints, kinds, states, int(most), table)
+        count = separation_kernel(*place, states, float(reach), int(most), table)
         if count <= room:
             break
         room = 2 * count
@@ -63,9 +63,8 @@ def separations(scene: Scene, vehicle: Vehicle, states: Array, reach: float, mos
 
 
 @kernel
-def separation_kernel(scene, footprints, kinds, states, most, table):
+def separation_kernel(scene, footprints, offset, states, reach, most, table):
     """Fill the table with rows of (knot, body, polygon, distance, gradient); how many there are, also if too many."""
-    reach, offset, shortest = kinds[0], kinds[1], kinds[2]
     near, order = np.empty(most), np.empty(most, np.int64)
     ends = np.empty((2, 3))
     count = 0
@@ -73,7 +72,7 @@ def separation_kernel(scene, footprints, kinds, states, most, table):
         for body in range(2):
             rect = rectangle(scene, footprints, offset, states, i, body)
             for m in range(nearest_polygons(scene, rect, reach, near, order)):
-                rows, nx, ny = contact(scene, order[m], rect, shortest, ends)
+                rows, nx, ny = contact(scene, order[m], rect, ends)
                 for r in range(rows):
                     if r > 0 and ends[r, 0] >= reach:
                         continue
@@ -85,6 +84,7 @@ def separation_kernel(scene, footprints, kinds, states, most, table):
 
 @kernel
 def _fill(row, i, body, polygon, end, nx, ny, origin, states, offset):
+    """One row of the table, of the height and the point of the body in `end`."""
     row[0], row[1], row[2], row[3] = i, body, polygon, end[0]
     ax, ay = end[1] + origin[0] - states[i, 0], end[2] + origin[1] - states[i, 1]
     row[4], row[5], row[6], row[7] = nx, ny, ny * ax - nx * ay, 0.0
@@ -119,7 +119,7 @@ def nearest_polygons(scene, rect, reach, near, order):
 
 
 @kernel
-def contact(scene, k, rect, shortest, ends):
+def contact(scene, k, rect, ends):
     """Height and point of the body, nearest first, at one or two ends of where body and polygon face each other.
 
     Fills the rows of `ends` with (height, x, y); returns how many there are, and the normal.
@@ -149,19 +149,14 @@ def contact(scene, k, rect, shortest, ends):
     p0 = -ny * scene.vertices[top, 0] + nx * scene.vertices[top, 1]
     p1 = -ny * scene.vertices[other, 0] + nx * scene.vertices[other, 1]
     low, high = max(min(t0, t1), min(p0, p1)), min(max(t0, t1), max(p0, p1))
-    if high - low <= shortest * (hx + hy):
+    if high - low <= _SHORTEST * (hx + hy):
         return 1, nx, ny
-    first = _nearer_first(low, high, -ny * bx + nx * by)
+    witness = -ny * bx + nx * by
+    is_low_nearer = abs(witness - low) <= abs(witness - high)
     for r in range(2):
-        t = low if first == (r == 0) else high
+        t = low if is_low_nearer == (r == 0) else high
         share, part = (t - t0) / (t1 - t0), (t - p0) / (p1 - p0)
         x, y = x0 + share * (x1 - x0), y0 + share * (y1 - y0)
         ends[r, 0] = nx * x + ny * y - (height + part * (level - height))
         ends[r, 1], ends[r, 2] = x, y
     return 2, nx, ny
-
-
-@kernel
-def _nearer_first(low, high, witness):
-    """Whether the lower end comes first: the one nearer to the witness."""
-    return abs(witness - low) <= abs(witness - high)

@@ -40,12 +40,10 @@ def step_jet(theta, alpha, phi0, phi1, h, d, kinematics, second, value, gradient
         weight = 1.0 if stage in (0, 3) else 2.0
         _move(h, c, slopes[2], slopes[3], second, jet)
         # q = q0 + c h k
-        moved = (theta + c * h * slopes[2], alpha + c * h * slopes[3])
-        slopes = _slopes(moved[0], moved[1], (1.0 - c) * phi0 + c * phi1, c, d, kinematics, second, jet)
+        th, al = theta + c * h * slopes[2], alpha + c * h * slopes[3]
+        slopes = _slopes(th, al, (1.0 - c) * phi0 + c * phi1, c, d, kinematics, second, jet)
         for o in range(4):
-            value[o] += weight * (
-                slopes[0] if o == 0 else (slopes[1] if o == 1 else (slopes[2] if o == 2 else slopes[3]))
-            )
+            value[o] += weight * slopes[o]
             for i in range(5):
                 gradient[o, i] += weight * jet[o, 0, i]
                 if second:

@@ -44,6 +44,7 @@ import numpy as np
 from optim.collision import box_distance, gap_along, nearest_polygon, rectangle, signed_distance
 from optim.kernel import kernel
 
+_MOST_UNTRIED = 4  # intervals checked one by one before the reach is tried again
 _SLACK = 1.001  # the audit relaxes the limits by 0.1 %, so a motion may use that much
 
 
@@ -194,7 +195,7 @@ def first_violation_kernel(scene, footprints, limits, s, states, phi, margin):
 
     From a sample with the clearance c nothing can come closer than the margin within (c - margin) / v. Where that
     does not reach the next sample, the interval is checked; from there the reach is tried less often, for as many
-    intervals as it has failed before.
+    intervals as it has failed before, `_MOST_UNTRIED` at most.
     """
     found = s.size - 1
     for body in range(2):
@@ -202,7 +203,7 @@ def first_violation_kernel(scene, footprints, limits, s, states, phi, margin):
         i, guess, failures = np.int64(0), np.int64(-1), np.int64(0)
         while i < found:
             rect = rectangle(scene, footprints, limits[2], states, i, body)
-            # no need to know more than takes us to the end
+            # no need to know more than takes us to the end, and rounding must not stop short of it
             cap = margin + 1.000001 * v * (s[found] - s[i]) + 1e-9
             polygon, c = nearest_polygon(scene, rect, guess, cap)
             if polygon >= 0:
@@ -212,7 +213,7 @@ def first_violation_kernel(scene, footprints, limits, s, states, phi, margin):
             while i < found and s[i + 1] <= reach:
                 i += 1
             failures = failures + 1 if i == start else 0
-            for _ in range(min(failures, 4)):
+            for _ in range(min(failures, _MOST_UNTRIED)):
                 if i < found:
                     hit, _ = _check_interval(scene, footprints, limits, s, states, phi, i, body, guess, margin)
                     if hit >= 0:

@@ -134,7 +134,7 @@ def _range_of(name: str) -> tuple[float, float]:
 
 @kernel
 def slope(theta, alpha, phi, d, l, l_t, offset):
-    """dq/ds as four numbers; the one place that states the kinematics."""
+    """dq/ds as four numbers: the kinematics as kernels drive them (`derivative` is the same for arrays)."""
     turn = math.tan(phi) / l
     fold = math.sin(alpha) / l_t + (1.0 + offset * math.cos(alpha) / l_t) * turn
     return d * math.cos(theta), d * math.sin(theta), d * turn, -d * fold

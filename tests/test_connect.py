@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from optim.steering import Connection, Flat, connect, connections
+from optim.path import Segment
+from optim.steering import Connection, Flat, connections
 from optim.steering.connect import END_TOLERANCE
 from optim.vehicle import Vehicle, derivative, flat_from_state, state_from_flat
 
@@ -110,9 +111,9 @@ def test_the_trailer_length_is_that_of_the_samples():
 def test_coarse_samples_lie_on_the_same_curve_as_dense_ones():
     for connection in random_connections(6, 10):
         coarse = connection.segment(1.0)
-        dense = connection.segment(1.0 / 16)
-        if dense.num_samples == 16 * (coarse.num_samples - 1) + 1:
-            assert dense.states[::16] == pytest.approx(coarse.states, abs=1e-9)
+        dense = connection.segment(coarse.s[1] / 16)
+        assert dense.num_samples == 16 * (coarse.num_samples - 1) + 1
+        assert dense.states[::16] == pytest.approx(coarse.states, abs=1e-9)
 
 
 def test_headings_start_as_asked_for_and_never_jump():
@@ -188,31 +189,34 @@ def test_nearly_all_random_pairs_are_connected_in_both_gears():
         assert connected >= 0.97 * len(pairs)
 
 
+def connected(start: np.ndarray, start_phi: float, end: np.ndarray, end_phi: float, direction: int) -> Segment:
+    """The shortest connection of two states with their steering."""
+    states, phi = np.array([start, end], float), np.array([start_phi, end_phi])
+    first, last = (Flat(*row) for row in flat_from_state(VEHICLE, states, phi).tolist())
+    return connections(VEHICLE, first, last, direction)[0].segment(0.05)
+
+
 @pytest.mark.parametrize("goal", [(25, 40, 0, 0), (30, -5, 0, 0), (-5, -10, 0, 0)])
 @pytest.mark.parametrize("direction", [1, -1])
 def test_the_pairs_of_the_thesis_are_connected_in_both_gears(goal, direction):
     """Figure 2.4 of the thesis, with a largest hitch angle of 1 rad."""
-    segment = connect(VEHICLE, np.zeros(4), 0.0, np.array(goal, float), 0.0, direction)
-    assert segment is not None
-    assert (segment.states[0] == 0.0).all()
-    assert segment.states[-1, [0, 1, 3]] == pytest.approx([goal[0], goal[1], 0.0], abs=0.0)
+    segment = connected(np.zeros(4), 0.0, np.array(goal), 0.0, direction)
+    assert segment.states[0] == pytest.approx(np.zeros(4), abs=1e-12)
+    assert segment.states[-1, [0, 1, 3]] == pytest.approx([goal[0], goal[1], 0.0], abs=1e-12)
     assert math.remainder(segment.theta[-1], 2 * math.pi) == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(("goal", "most"), [((25, 40, 0, 0), 70.0), ((30, -5, 0, 0), 32.0)])
 def test_the_pairs_of_the_thesis_that_lie_ahead_need_no_detour_forwards(goal, most):
-    segment = connect(VEHICLE, np.zeros(4), 0.0, np.array(goal, float), 0.0, 1)
-    assert segment is not None
+    segment = connected(np.zeros(4), 0.0, np.array(goal), 0.0, 1)
     assert math.hypot(goal[0], goal[1]) < segment.length < most
 
 
 def test_the_steering_given_at_the_ends_is_kept():
     start, end = np.array([0.0, 0.0, 0.1, -0.2]), np.array([28.0, 6.0, 0.4, -0.1])
-    segment = connect(VEHICLE, start, 0.15, end, -0.05, 1)
-    assert segment is not None
-    assert (segment.phi[0], segment.phi[-1]) == (0.15, -0.05)
-    assert (segment.states[0] == start).all()
-    assert (segment.states[-1] == end).all()
+    segment = connected(start, 0.15, end, -0.05, 1)
+    assert segment.phi[[0, -1]] == pytest.approx([0.15, -0.05], abs=1e-12)
+    assert segment.states[[0, -1]] == pytest.approx(np.array([start, end]), abs=1e-12)
     flat = flat_from_state(VEHICLE, segment.states, segment.phi)
     assert np.abs(np.diff(flat[:, 4])).max() < 0.01
 

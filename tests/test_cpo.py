@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import random_problem
 
-from optim.cpo.drivable import Trust, _Task, drivable_stretch, fit_points, steering
+from optim.cpo.drivable import _Task, drivable_stretch, fit_points, steering
 from optim.cpo.points import Track, spread
 from optim.cpo.rounds import checks, improve
 from optim.cpo.spline import basis, positions
@@ -38,7 +38,7 @@ def test_the_fits_jacobian_is_the_derivative_of_its_misfit(limit):
     c, length = rng.normal(0.0, 0.08, 13), 6.0
     start, end = np.array([1.0, 2.0, 0.3, c[0], 0.0]), np.array([5.0, 3.0, 0.5, c[-1], 0.0])
     vehicle = Vehicle(max_hitch=0.4, max_steer=0.3, max_steer_rate=0.1)
-    task = _Task(vehicle, Trust(), bases, rng.normal(0.0, 1.0, (len(bases.ends), 2)), start, end)
+    task = _Task(vehicle, bases, rng.normal(0.0, 1.0, (len(bases.ends), 2)), start, end)
     rows, closing = task.jacobian(c, length, limit)
     for k in range(len(c) + 1):
         step = np.zeros(len(c) + 1)
@@ -57,9 +57,7 @@ def test_a_fitted_stretch_follows_the_kinematics_keeps_the_limits_and_meets_both
     for segment in problem.recorded.segments:
         track = Track.of(vehicle, segment)
         row = spread(track, track.flat[:, :2], track.share, 0.5, NOTHING)
-        stretch = drivable_stretch(
-            vehicle, segment.direction, row.on_path, track.flat[0], track.flat[-1], Trust(), 0.05
-        )
+        stretch = drivable_stretch(vehicle, segment.direction, row.on_path, track.flat[0], track.flat[-1], 0.05)
         assert stretch is not None
         assert stretch.gap < 1e-9
         assert stretch.deviation < 0.1
@@ -77,7 +75,7 @@ def test_points_that_ask_for_more_than_the_steering_gives_are_approached_not_fol
     x = np.linspace(-20.0, 20.0, 81)
     points = np.stack([x, 1.5 * np.tanh(x / 1.5)], axis=1)
     start, end = (np.array([*point, 0.0, 0.0, 0.0]) for point in points[[0, -1]])
-    c, length, deviation = fit_points(vehicle, points, start, end, Trust())
+    c, length, deviation = fit_points(vehicle, points, start, end)
     bases = basis(len(c) - 3)
     turn = length * (bases.turn_nodes @ c)
     assert deviation > 0.1
@@ -91,7 +89,7 @@ def test_where_no_curve_keeps_the_limits_there_is_no_stretch():
     angle = np.linspace(0.0, np.pi, 60)
     points = np.stack([10.0 * np.sin(angle), 10.0 - 10.0 * np.cos(angle)], axis=1)
     start, end = np.zeros(5), np.array([0.0, 20.0, np.pi, 0.0, 0.0])
-    stretch = drivable_stretch(Vehicle(max_steer=0.1), 1, points, start, end, Trust(), 0.05)
+    stretch = drivable_stretch(Vehicle(max_steer=0.1), 1, points, start, end, 0.05)
     assert stretch is None or stretch.gap > 1e-3
 
 

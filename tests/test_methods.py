@@ -119,7 +119,7 @@ def test_a_straight_drive_stays_as_it_is(name):
 
 
 @every_method
-def test_every_option_has_a_default_and_a_sentence(name):
+def test_every_option_has_a_default_and_a_sentence_and_every_number_a_unit(name):
     method = METHODS[name]
     assert dataclasses.is_dataclass(method)
     assert type(method)() == method
@@ -127,3 +127,5 @@ def test_every_option_has_a_default_and_a_sentence(name):
         setattr(method, dataclasses.fields(method)[0].name, None)
     for option in options_of(method):
         assert option.doc, f"{name}: {option.name} has no docstring"
+        is_number = not isinstance(getattr(method, option.name), (str, bool))
+        assert bool(option.unit) == is_number, f"{name}: {option.name} has the unit {option.unit!r}"

@@ -101,6 +101,20 @@ def test_the_mathematics_knows_nothing_of_files_logs_and_recordings() -> None:
         assert not found, f"{path.relative_to(ROOT)} imports {found}"
 
 
+def test_each_module_of_the_mathematics_can_be_the_first_to_be_imported() -> None:
+    script = """if True:
+        import importlib, sys
+        for name in sys.argv[1:]:
+            for loaded in [each for each in sys.modules if each.partition(".")[0] == "optim"]:
+                del sys.modules[loaded]
+            importlib.import_module(name)
+    """
+    files = [path.relative_to(ROOT).with_suffix("") for path in (ROOT / "optim").rglob("*.py")]
+    names = [".".join(file.parts).removesuffix(".__init__") for file in files]
+    found = subprocess.run([sys.executable, "-c", script, *names], cwd=ROOT, capture_output=True, text=True)
+    assert found.returncode == 0, found.stderr
+
+
 def test_only_the_recording_knows_rerun() -> None:
     for path in (ROOT / "replay").rglob("*.py"):
         if "recording" not in path.relative_to(ROOT).as_posix():

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from paths import random_path
 from scenes import random_problem
 
 from optim.methods.transcription import (
@@ -18,6 +19,7 @@ from optim.methods.transcription import (
     without_segment,
 )
 from optim.objective import objective
+from optim.path import Path, segment_from_states
 from optim.vehicle import Vehicle, rk4_step
 
 SPACING = 0.35
@@ -95,10 +97,41 @@ def test_a_segment_that_goes_takes_its_gear_changes_with_it():
     inner = without_segment(knots, 1)
     assert inner.num_cusps == 0
     assert set(inner.gear.tolist()) == {int(knots.gear[0])}
-    assert without_segment(knots, 0).num_cusps == 1
-    assert without_segment(knots, 2).num_cusps == 1
+    first, last = without_segment(knots, 0), without_segment(knots, 2)
+    assert first.num_cusps == last.num_cusps == 1
     with pytest.raises(ValueError, match="only segment"):
         without_segment(inner, 0)
+
+
+def test_what_is_left_without_a_segment_stays_and_the_seam_takes_the_mean():
+    _, knots = _knots()
+    before, middle, after = knots.runs
+    first, inner, last = (without_segment(knots, index) for index in range(3))
+    for name in ("states", "phi"):
+        values = getattr(knots, name)
+        np.testing.assert_array_equal(getattr(first, name), values[middle.start :])
+        np.testing.assert_array_equal(getattr(last, name), values[: middle.stop + 1])
+        seam = 0.5 * (values[before.stop] + values[after.start])
+        left, right = values[: before.stop], values[after.start + 1 :]
+        np.testing.assert_array_equal(getattr(inner, name), np.concatenate([left, seam[None], right]))
+    for name in ("h", "gear"):
+        values = getattr(knots, name)
+        np.testing.assert_array_equal(getattr(first, name), values[middle.start :])
+        np.testing.assert_array_equal(getattr(last, name), values[: middle.stop])
+        np.testing.assert_array_equal(getattr(inner, name), np.concatenate([values[before], values[after]]))
+
+
+def test_segments_of_one_gear_become_one_with_the_mean_of_both_steering_angles_at_the_seam():
+    problem, _ = _knots()
+    (segment,) = random_path(problem.vehicle, (6.0,), seed=3, spacing=0.1).segments
+    steered = segment_from_states(1, segment.s[30:], segment.states[30:], segment.phi[30:] + 0.1)
+    first = segment_from_states(1, segment.s[:31], segment.states[:31], segment.phi[:31])
+    knots = knots_of(problem.vehicle, Path((first, steered)), 0.5)
+    assert knots.num_cusps == 0
+    assert len(knots.h) == 12
+    np.testing.assert_array_equal(knots.phi[:6], segment.phi[:30:5])
+    np.testing.assert_allclose(knots.phi[6], segment.phi[30] + 0.05, atol=1e-12)
+    np.testing.assert_allclose(knots.phi[7:], segment.phi[35::5] + 0.1, atol=1e-12)
 
 
 def test_only_vanished_segments_are_merged_away():

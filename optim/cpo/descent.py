@@ -17,6 +17,9 @@ from optim.arrays import Array, BoolArray
 from optim.cpo.terms import BAND
 
 _DECREASE = 1e-4  # Armijo's condition: the least share of the decrease that the slope promises
+_REFRESH = 20  # steps after which the metric is evaluated anew for the first time
+_ROUNDING = 1e-14  # a promised decrease that is none, where F itself is 0
+_SMALLEST_SHARE = 1e-8  # of a step; shorter ones change nothing
 _CURVATURE = 1e-10  # pairs with less curvature than this, relative to their size, are left out
 
 
@@ -39,25 +42,26 @@ def descend(
     max_iterations: int,
     tolerance: float,
     max_step: float,
-    refresh: int = 20,
 ) -> Descent:
     """Lower F from `points` (M, 2), moving those with `free` (M,) only.
 
     Converged when the decrease that the metric promises is at most tolerance * F. No point moves by more than
     max_step [m] at once: a full step may jump over a thin obstacle. The metric is evaluated anew, and the pairs are
-    forgotten, after `refresh` steps, then twice as many, and so on: far from rest a new metric is worth more than
+    forgotten, after `_REFRESH` steps, then twice as many, and so on: far from rest a new metric is worth more than
     what was learned, near it less.
+
+    evaluate: gives the value of F at points, its gradient (M, 2), and where that is asked for the metric, (BAND, 2 M).
     """
     mask = np.repeat(free, 2)
     points = points.copy()
     value, slope, metric = evaluate(points, True)
     slope = np.where(mask, slope.ravel(), 0.0)
     factor, pairs, evaluations = _factor(metric, mask), [], 1
-    age = 0
+    age, refresh = 0, _REFRESH
     for iteration in range(max_iterations):
         step = -_apply(factor, pairs, slope)
         promised = -float(slope @ step)
-        if promised <= tolerance * value or promised <= 1e-14:
+        if promised <= tolerance * value or promised <= _ROUNDING:
             return Descent(points, value, iteration, evaluations, True)
         step *= min(1.0, max_step / np.hypot(*step.reshape(-1, 2).T).max())
         promised, share = -float(slope @ step), 1.0
@@ -71,7 +75,7 @@ def descend(
                 share *= np.clip(0.5 * promised * share / (trial_value - value + promised * share), 0.1, 0.5)
             else:
                 share *= 0.1
-            if share < 1e-8:
+            if share < _SMALLEST_SHARE:
                 return Descent(points, value, iteration, evaluations, False)
         trial_slope = np.where(mask, trial_slope.ravel(), 0.0)
         moved, turned = share * step, trial_slope - slope

@@ -5,12 +5,13 @@ curvature kappa is a cubic B-spline of the share t in [0, 1] of its length L. By
 steering rate follow from kappa, sigma = kappa' / L and kappa'' / L^2, all continuous. Coefficients c and length
 solve, in Gauss-Newton steps,
 
-    min  sum |x(t_i) - point_i|^2 / sigma_position^2 + int (d2kappa/ds2)^2 ds / sigma_bend^2
-         + sum max(0, excess)^2 / sigma_limit^2
+    min  int |x - point|^2 / sigma_position^2 + (d2kappa/ds2)^2 / sigma_bend^2 + max(0, excess)^2 / sigma_limit^2 ds
     s.t. pose and curvature at both ends are those of the recorded stretch,
 
-where the excess is that of |kappa|, |tan(phi)| and |dphi/ds| by their limits, less a small reserve. Reverse stretches
-are read from their end, in the order of the trailer's heading, as the points are.
+where the excess is that of |kappa|, |tan(phi)| and |dphi/ds| by their limits, less a small reserve; the integrals are
+sums over the ends of the panels of the quadrature (`optim.cpo.spline`), and the points are those of a spline through
+them at the same share t. Reverse stretches are read from their end, in the order of the trailer's heading, as the
+points are.
 """
 
 import math
@@ -24,32 +25,19 @@ from optim.cpo.spline import GAUSS_W, Basis, basis, positions, sampled
 from optim.path import Segment, segment_from_states
 from optim.vehicle import Vehicle, state_from_flat
 
-_SHORTEST = 1e-2  # [m]
+_POSITION, _BEND, _LIMIT = 0.05, 0.01, 0.002  # sigma_position [m], sigma_bend [1/m^3], sigma_limit [-]
+_RESERVE = 0.01  # share of each limit that the fit leaves unused
+_INTERVAL = 0.5  # [m] of the spline
+_FEWEST = 6  # intervals of the spline: both ends of a short curve are given
+_MOST_STEPS = 60  # Gauss-Newton steps
+_SHORTEST, _LONGEST = 1e-2, 10.0  # a curve [m], and by the length of the points: others have fallen apart
 _SMOOTHING = 3  # steps without limits
-_SOFT, _HARDENING = 0.2, 0.3  # then limits as `Trust.limit` with this, and each further step that much harder
+_SOFT, _HARDENING = 0.2, 0.3  # sigma_limit of the next step, and its factor from step to step, down to `_LIMIT`
 _DECREASE = 1e-4  # Armijo's condition
 _LEAST_DAMPING = 1e-12  # of the mean of the system's diagonal
 _AT_REST = 1e-9  # a step that changes no coefficient [1/m] and no length [m] by more
 _TINY = 1e-30  # of a complex step
 _SMALLEST_SHARE = 1e-3  # of a step
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trust:
-    """What the fit trades against each other."""
-
-    position: float = 0.05
-    """Deviation from a point that costs as much as the others [m]."""
-    bend: float = 0.01
-    """Size of d2kappa/ds2 per square root of a metre that costs as much [1/m^3.5]."""
-    limit: float = 0.002
-    """Relative excess of a limit that costs as much [-]."""
-    reserve: float = 0.01
-    """Share of each limit that the fit leaves unused [-]."""
-    knots: float = 0.5
-    """Length of the spline's intervals [m]."""
-    max_iterations: int = 60
-    """Gauss-Newton steps."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,7 +67,6 @@ class _Task:
     """What is fitted, and the sums of squares of a guess: coefficients c (m,) and length [m]."""
 
     vehicle: Vehicle
-    trust: Trust
     basis: Basis
     target: Array  # (P + 1, 2) what the ends of the panels are to be near
     start: Array  # (5,)
@@ -89,9 +76,9 @@ class _Task:
         """What is to become small, shape (r,), and what must vanish: the gap at the end, shape (3,)."""
         position = positions(self.start, length * (self.basis.turn_nodes @ c), length)
         scale = math.sqrt(length / (len(position) - 1))
-        beside = (position - self.target).T.ravel() * (scale / self.trust.position)
-        bend = self.basis.curl @ c * (scale / self.trust.bend / length**2)
-        loads = [value - (1.0 - self.trust.reserve) for value in _loads(self.vehicle, *self._bends(c, length))]
+        beside = (position - self.target).T.ravel() * (scale / _POSITION)
+        bend = self.basis.curl @ c * (scale / _BEND / length**2)
+        loads = [value - (1.0 - _RESERVE) for value in _loads(self.vehicle, *self._bends(c, length))]
         beyond = np.maximum(0.0, np.concatenate(loads)) * (scale / limit)
         gap = np.append(position[-1], self.start[2] + length * (self.basis.turn[-1] @ c)) - self.end[:3]
         return np.concatenate([beside, bend, beyond]), gap
@@ -108,10 +95,10 @@ class _Task:
             rows[:, -1] += weights * along / length
             moves[k, 1:] = np.cumsum(rows.reshape(panels, 4, -1).sum(axis=1), axis=0)
         scale = math.sqrt(length / panels)
-        curl = self.basis.curl * (scale / self.trust.bend / length**2)
+        curl = self.basis.curl * (scale / _BEND / length**2)
         turn = np.append(length * self.basis.turn[-1], self.basis.turn[-1] @ c)
         rows = [
-            moves.reshape(-1, turned.shape[1]) * (scale / self.trust.position),
+            moves.reshape(-1, turned.shape[1]) * (scale / _POSITION),
             np.column_stack([curl, -2.0 * (curl @ c) / length]),
             self._beyond(c, length) * (scale / limit),
         ]
@@ -131,7 +118,7 @@ class _Task:
             moved = [value + _TINY * 1j * (k == i) for k, value in enumerate(bends)]
             loads = _loads(self.vehicle, *moved)
             for row, value in zip(rows, loads, strict=True):
-                slope = np.where(np.real(value) > 1.0 - self.trust.reserve, np.imag(value) / _TINY, 0.0)
+                slope = np.where(np.real(value) > 1.0 - _RESERVE, np.imag(value) / _TINY, 0.0)
                 row += slope[:, None] * np.column_stack([part, -i * bends[i] / length])
         return np.concatenate(rows)
 
@@ -146,18 +133,18 @@ def _loads(vehicle: Vehicle, kappa: NDArray, sigma: NDArray, curl: NDArray) -> t
     return kappa, tangent, rate
 
 
-def fit_points(vehicle: Vehicle, points: Array, start: Array, end: Array, trust: Trust) -> tuple[Array, float, float]:
+def fit_points(vehicle: Vehicle, points: Array, start: Array, end: Array) -> tuple[Array, float, float]:
     """Coefficients, length [m] and largest deviation [m] of the curve through points (n, 2) between two flat states.
 
     start, end: (5,) x, y, heading, kappa, sigma; the headings' difference is the whole turn, unwrapped. Where limits
     and points cannot agree, the curve is the last one that came nearer to both.
     """
-    task, c, length = _first_guess(vehicle, points, start, end, trust)
+    task, c, length = _first_guess(vehicle, points, start, end)
     damping = _LEAST_DAMPING
-    for iteration in range(trust.max_iterations):
+    for iteration in range(_MOST_STEPS):
         # limits come in by and by: at full weight, steps from an unsmoothed start do not come back
         hardness = iteration - _SMOOTHING
-        limit = max(trust.limit, _SOFT * _HARDENING**hardness) if hardness >= 0 else math.inf
+        limit = max(_LIMIT, _SOFT * _HARDENING**hardness) if hardness >= 0 else math.inf
         step, promised, price = _step(task, c, length, limit, damping)
         before = _merit(task, c, length, limit, price)
         share = min(1.0, 0.2 * length / max(abs(step[-1]), 1e-12))
@@ -168,7 +155,7 @@ def fit_points(vehicle: Vehicle, points: Array, start: Array, end: Array, trust:
         if share >= _SMALLEST_SHARE:
             c, length = c + share * step[:-1], length + share * step[-1]
             damping = max(_LEAST_DAMPING, 0.01 * damping)
-            if limit == trust.limit and np.abs(step).max() < _AT_REST:
+            if limit == _LIMIT and np.abs(step).max() < _AT_REST:
                 break
         elif np.abs(step).max() < _AT_REST or damping > 1.0:
             break
@@ -178,20 +165,20 @@ def fit_points(vehicle: Vehicle, points: Array, start: Array, end: Array, trust:
     return c, length, float(np.hypot(*(position - task.target).T).max())
 
 
-def _first_guess(vehicle: Vehicle, points: Array, start: Array, end: Array, trust: Trust) -> tuple[_Task, Array, float]:
+def _first_guess(vehicle: Vehicle, points: Array, start: Array, end: Array) -> tuple[_Task, Array, float]:
     """The task, and the coefficients and the length of the curve that the points themselves make."""
     from scipy.interpolate import CubicSpline  # takes a quarter of a second to load
 
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     length = float(along[-1])
-    bases = basis(max(6, math.ceil(length / trust.knots)))
+    bases = basis(max(_FEWEST, math.ceil(length / _INTERVAL)))
     share = np.linspace(0.0, 1.0, len(bases.ends))
     through = CubicSpline(along / length, points)
     tangent = through(share, 1)
     kappa = np.gradient(np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0])), share) / length
     c = np.linalg.lstsq(bases.ends, kappa, rcond=None)[0]
     c[0], c[-1] = start[3], end[3]
-    return _Task(vehicle, trust, bases, through(share), start, end), c, length
+    return _Task(vehicle, bases, through(share), start, end), c, length
 
 
 def _step(task: _Task, c: Array, length: float, limit: float, damping: float) -> tuple[Array, float, float]:
@@ -223,7 +210,7 @@ def _merit(task: _Task, c: Array, length: float, limit: float, price: float) -> 
 
 
 def drivable_stretch(
-    vehicle: Vehicle, direction: int, points: Array, start: Array, end: Array, trust: Trust, spacing: float
+    vehicle: Vehicle, direction: int, points: Array, start: Array, end: Array, spacing: float
 ) -> Stretch | None:
     """The stretch beside the points (n, 2), samples at most `spacing` [m] apart; None where the fit falls apart.
 
@@ -231,10 +218,10 @@ def drivable_stretch(
     """
     with np.errstate(all="ignore"):  # a fit that falls apart is recognised by its result
         try:
-            c, length, deviation = fit_points(vehicle, points, start, end, trust)
+            c, length, deviation = fit_points(vehicle, points, start, end)
         except np.linalg.LinAlgError:
             return None
-        if not (np.isfinite(c).all() and _SHORTEST < length < 10.0 * np.hypot(*np.diff(points, axis=0).T).sum()):
+        if not (np.isfinite(c).all() and _SHORTEST < length < _LONGEST * np.hypot(*np.diff(points, axis=0).T).sum()):
             return None
         s, flat = sampled(vehicle, c, length, start, spacing)
     gap = float(np.abs(flat[-1, :4] - end[:4]).max())

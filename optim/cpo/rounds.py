@@ -14,7 +14,7 @@ import numpy as np
 
 from optim.arrays import Array, BoolArray
 from optim.cpo.descent import Descent, descend
-from optim.cpo.drivable import Stretch, Trust, drivable_stretch
+from optim.cpo.drivable import Stretch, drivable_stretch
 from optim.cpo.points import Row, Track, spread
 from optim.cpo.terms import Terms
 from optim.path import Segment, segment_from_states
@@ -23,6 +23,11 @@ from optim.scene import swept_clearance
 
 _SLACK = 1e-9  # of limits, relative: rounding
 TOLERATED = 1.001  # residual of a recorded stretch that counts as kept: the audit relaxes limits by as much
+_SPREAD = 1e-3  # change of length, relative, from which on laying the points out anew is worth another descent
+_KEEP_AWAY, _FARTHER = (
+    3.0,
+    0.05,
+)  # factor of w_o and addition to d_max [m] from round to round, where nothing can anchor
 _CLOSED = 1e-7  # a fit that misses its end by more [m or rad] has not converged
 
 
@@ -32,7 +37,6 @@ class Settings:
 
     problem: Problem
     terms: Terms
-    trust: Trust
     spacing: float
     rounds: int
     sweeps: int
@@ -123,7 +127,8 @@ def improve(settings: Settings, segment: Segment, tell: Callable[[Trial], None])
         tell(trial)
         if not can_anchor:  # the recorded stretch is no place to go back to; keep away further instead
             terms = settings.terms
-            settings = replace(settings, terms=replace(terms, obstacle=3.0 * terms.obstacle, d_max=terms.d_max + 0.05))
+            terms = replace(terms, obstacle=_KEEP_AWAY * terms.obstacle, d_max=terms.d_max + _FARTHER)
+            settings = replace(settings, terms=terms)
             continue
         widening = turn * settings.spacing / track.length
         anchors = np.concatenate([anchors, _failing(track, trial, widening)])
@@ -138,11 +143,11 @@ def _round(settings: Settings, segment: Segment, track: Track, anchors: Array) -
         descent = move(settings, row)
         iterations += descent.iterations
         row = spread(track, descent.points[1:-1], row.share[1:-1], settings.spacing, anchors)
-        if abs(row.length - length) <= 1e-3 * length:
+        if abs(row.length - length) <= _SPREAD * length:
             break
     step = float(np.hypot(*(row.points - track.at(row.share)).T)[1:-1].max())
     vehicle, ends = settings.problem.vehicle, (track.flat[0], track.flat[-1])
-    stretch = drivable_stretch(vehicle, track.direction, row.on_path, *ends, settings.trust, settings.sample_spacing)
+    stretch = drivable_stretch(vehicle, track.direction, row.on_path, *ends, settings.sample_spacing)
     if stretch is None or stretch.gap > _CLOSED:
         return Trial(row, None, (), 0, iterations, step)
     # the flat map and back loses the last digit; cusps share a pose exactly

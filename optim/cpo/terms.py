@@ -49,10 +49,15 @@ class Terms:
     discs: Discs
     field: DistanceField
     d_max: float
+    """[m]."""
     obstacle: float
+    """w_o [1/m^4]."""
     curvature: float
+    """w_k [m]."""
     smoothness: float
+    """w_s [m]."""
     change: float
+    """w_g [m^3]."""
     spacing: float
     """h [m]."""
 

@@ -12,7 +12,10 @@ from optim.methods.transcription import Knots, objective_of
 from optim.problem import Problem
 
 _UNKNOWN = Residuals((np.inf, np.inf, np.inf), (np.inf, np.inf, np.inf))
-_MOST_PENALTY = (1e7, 1e6, 1e6)
+_MOST_PENALTY = (1e7, 1e6, 1e6)  # of goal, hitch angle and clearance: growth ends here; a plan may begin higher
+_PATIENCE = 3  # updates within which the worst residual must halve
+FALLEN, GROWTH = 0.25, 4.0
+"""Where an update leaves more than this share of a residual, its penalty grows by this factor."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +25,7 @@ class Plan:
     spacing: float
     """Distance between knots [m]."""
     penalties: tuple[float, float, float]
-    """Of goal, hitch angle and clearance at the start."""
+    """Of goal, hitch angle and clearance at the start [1/m^2, 1/rad^2]."""
     rounds: int
     """Updates of the multipliers, at most."""
     iterations: int
@@ -31,8 +34,6 @@ class Plan:
     """Largest projected gradient that counts as converged."""
     tolerances: tuple[float, float, float]
     """Largest residuals of goal [m, rad], hitch angle [rad] and clearance [m] that count as converged."""
-    growth: float = 4.0
-    """Penalties grow by this factor where a residual has not fallen to a quarter."""
     regularisation: float = 1.0
     """Of the first inner iteration."""
     curvature: bool = True
@@ -51,9 +52,13 @@ class Descent:
     """The knots begun with; gears and shares stay."""
     model: TruckModel
     states: Array
+    """Shape (N + 1, 6), as `optim.ddp.truck` has them."""
     controls: Array
+    """Shape (N, 2)."""
     gradient: float = np.inf
+    """Largest projected gradient."""
     gap: float = np.inf
+    """Largest gap between two stages [m or rad]."""
     residuals: Residuals = _UNKNOWN
     end: End = End.ITERATION_LIMIT
 
@@ -68,20 +73,19 @@ class Descent:
 
 
 OnStep = Callable[[Descent, float], None]
+"""Called after each accepted step with its length, 1 for a full one."""
 
 
 def start_descent(problem: Problem, knots: Knots, required: Array, plan: Plan) -> Descent:
+    """A descent that has not begun, from knots that keep required (K, 2) [m] clear; multipliers are 0."""
     model = TruckModel(problem, knots, required, plan.reach, plan.curvature)
     model.lagrangian.scalars[:3] = plan.penalties
     states, controls = trajectory_of(knots, (problem.vehicle.max_steer, problem.vehicle.max_steer_rate))
     return Descent(problem=problem, layout=knots, model=model, states=states, controls=controls)
 
 
-_PATIENCE = 3
-
-
-def descend(descent: Descent, plan: Plan, on_step: OnStep) -> bool:
-    """Update states, controls, multipliers in turn; whether all tests are met.
+def descend(descent: Descent, plan: Plan, on_step: OnStep) -> None:
+    """Update states, controls, multipliers in turn, until all tests are met.
 
     Gives up where the worst residual, in units of its tolerance, has not halved in `_PATIENCE` updates.
     """
@@ -110,12 +114,11 @@ def descend(descent: Descent, plan: Plan, on_step: OnStep) -> bool:
         now = descent.residuals.complementary
         met = all(value <= limit for value, limit in zip(now, plan.tolerances, strict=True))
         if met and found.gradient <= plan.gradient:
-            return True
+            return
         worst.append(max(value / limit for value, limit in zip(now, plan.tolerances, strict=True)))
         if len(worst) > _PATIENCE and worst[-1] > max(1.0, 0.5 * worst[-1 - _PATIENCE]):
-            return False
+            return
         for i in range(3):
-            if now[i] > max(0.25 * before[i], plan.tolerances[i]):
-                scalars[i] = min(scalars[i] * plan.growth, max(_MOST_PENALTY[i], scalars[i]))
+            if now[i] > max(FALLEN * before[i], plan.tolerances[i]):
+                scalars[i] = min(scalars[i] * GROWTH, max(_MOST_PENALTY[i], scalars[i]))
         before = now
-    return False

@@ -11,8 +11,8 @@ import math
 from optim.kernel import kernel
 
 FREE, AT_LOW, AT_HIGH = 0, -1, 1
-_ARMIJO = 0.1
-_MOST = 50
+_ARMIJO = 0.1  # least share of the decrease that the slope promises
+_MOST = 50  # iterations; three are usual, this is against cycling by rounding
 
 
 @kernel

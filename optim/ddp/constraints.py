@@ -15,6 +15,8 @@ from optim.kernel import kernel
 
 NEAREST = 0.01
 """Least slack [m, rad] that the metric tells from none."""
+CLOSEST = 1e-3
+"""Distance of two points [m] below which the curvature 1 / d of their distance no longer grows."""
 
 
 class Rows(NamedTuple):
@@ -72,8 +74,7 @@ def _add_row(scene, offset, states, k, body, contact, force, penalty, slack, cur
     # psi = theta (truck) or theta + alpha (trailer)
     bend = -(nx * rx + ny * ry)
     if kind == SIDE:
-        bend += distance  # r - o = (r - b) + d n, and the sign of n . (r - b) is that of -n . (b - r)
-        bend = -bend
+        bend = -(bend + distance)  # -n . (r - o), since r - o = (r - b) + d n
         last = 4 if body == 1 else 3
         for i in range(2, last):
             e.bend[k, 0, i] += force * ny
@@ -85,7 +86,7 @@ def _add_row(scene, offset, states, k, body, contact, force, penalty, slack, cur
         across = (-ny, nx, way, way if body == 1 else 0.0)
         for i in range(4):
             for j in range(4):
-                e.bend[k, i, j] -= force * across[i] * across[j] / max(distance, 1e-3)
+                e.bend[k, i, j] -= force * across[i] * across[j] / max(distance, CLOSEST)
     for i in range(2, 4 if body == 1 else 3):
         for j in range(2, 4 if body == 1 else 3):
             e.bend[k, i, j] -= force * bend

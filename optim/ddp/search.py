@@ -17,10 +17,12 @@ LARGEST_GAP = 1e-6
 VANISHED = 0.3
 """Segments shorter than this [m] are merged away: they only buy a jump of the steering."""
 TOLL = 5.0
-"""What a metre of a segment costs while it is pressed out of the path."""
+"""What a metre of a segment costs more while it is pressed out of the path [1/m]."""
 _ROOM = 2e-5  # [m]: clearance asked for beyond the requirement, above the tolerance of the last descent
 _PATIENCE = 3
 """Descents that may end infeasible before `polish` gives up."""
+_MET = 5.0
+"""Multiple of its tolerance up to which a constraint counts as met where a descent has not converged."""
 _GAIN = 1e-6  # relative; less is no improvement
 
 
@@ -30,9 +32,11 @@ class Finding:
 
     path: Path
     value: float
+    """Its J [-]."""
 
 
 def required_clearance(problem: Problem, knots: Knots) -> Array:
+    """Clearance to ask for at each knot by truck and trailer [m], to begin with. Shape (K, 2)."""
     return np.full((len(knots.phi), 2), problem.required_clearance + _ROOM)
 
 
@@ -44,8 +48,8 @@ def settle(problem: Problem, knots: Knots, plan: Plan, on_step: OnStep) -> Desce
 
 
 def is_feasible(descent: Descent, plan: Plan) -> bool:
-    """Whether constraints are met, stationary or not; a residual of five times its tolerance will do."""
-    met = (value <= 5.0 * limit for value, limit in zip(descent.residuals.violation, plan.tolerances, strict=True))
+    """Whether constraints are met, stationary or not; up to `_MET` times their tolerances will do."""
+    met = (value <= _MET * limit for value, limit in zip(descent.residuals.violation, plan.tolerances, strict=True))
     return descent.gap <= LARGEST_GAP and all(met)
 
 

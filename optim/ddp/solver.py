@@ -30,29 +30,32 @@ class Model(Protocol):
         ...
 
 
+_LARGEST_GAP = 1e-9  # of a trajectory that counts as converged, in units of the states: rounding
+_LEAST_REGULARISATION, _MOST_REGULARISATION = 1e-4, 1e10  # below the first it is 0, beyond the second all is lost
+_LEAST_STEP = 0.2  # where none down to this is good enough, regularisation grows instead
+_ACCEPTANCE = 1e-4  # a step must give at least this share of the decrease it promises (Armijo)
+_ROUNDING = 1e-12  # promised decreases below this, relative to the cost, are rounding: the full step is taken
+
+
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """When the iteration ends, and how it is kept from going astray."""
+    """When the iteration ends, and how it begins."""
 
     iterations: int = 100
+    """So many at most."""
     least_iterations: int = 0
     """So many at least, converged or not."""
     gradient: float = 1e-6
-    """Converged when no entry of |u - clip(u - Q_u)| is larger, and no gap is."""
-    gap: float = 1e-9
+    """Converged when no entry of |u - clip(u - Q_u)| is larger, and no gap beyond rounding."""
     curvature: bool = True
     """Second derivatives of the dynamics: full DDP; without them iLQR."""
     first_regularisation: float = 0.0
-    least_regularisation: float = 1e-4
-    most_regularisation: float = 1e10
-    least_step: float = 0.2
-    acceptance: float = 1e-4
-    """A step must give at least this share of the decrease it promises."""
-    least_decrease: float = 1e-12
-    """Promised decreases below this, relative to the cost, are rounding: the full step is taken."""
+    """Multiples of the metrics that are added at the first backward pass."""
 
 
 class End(enum.Enum):
+    """Why the iteration ended."""
+
     CONVERGED = "converged"
     STALLED = "stalled"
     ITERATION_LIMIT = "iteration limit"
@@ -63,7 +66,9 @@ class Solution:
     """Where the iteration ended."""
 
     states: Array
+    """Shape (N + 1, n)."""
     controls: Array
+    """Shape (N, m)."""
     cost: float
     end: End
     iterations: int
@@ -83,30 +88,33 @@ OnStep = Callable[[Array, Array, float, float], None]
 class _Regularisation:
     """Grows by 4, 8, 16, ... while steps fail; shrinks by 4 with each step that goes all the way."""
 
-    settings: Settings
     value: float
     factor: float = 2.0
 
     def increase(self) -> None:
         self.factor = min(2.0 * self.factor, 64.0)
-        self.value = max(self.settings.least_regularisation, self.value * self.factor)
+        self.value = max(_LEAST_REGULARISATION, self.value * self.factor)
+
+    @property
+    def is_exhausted(self) -> bool:
+        return self.value > _MOST_REGULARISATION
 
     def decrease(self) -> None:
         self.factor = 2.0
         self.value *= 0.25
-        if self.value < self.settings.least_regularisation:
+        if self.value < _LEAST_REGULARISATION:
             self.value = 0.0
 
 
 def minimise(
     model: Model, states: Array, controls: Array, settings: Settings, on_step: OnStep | None = None
 ) -> Solution:
-    """Iterate from states (N + 1, n) and controls (N, m), which need not fit each other."""
+    """Iterate from states (N + 1, n) and controls (N, m), which need not fit each other and stay as they are."""
     states, controls = np.array(states), np.array(controls)
     spare = np.empty_like(states), np.empty_like(controls)
     policy = new_policy(len(controls), states.shape[1], controls.shape[1])
     report = np.zeros(4)
-    regularisation = _Regularisation(settings, settings.first_regularisation)
+    regularisation = _Regularisation(settings.first_regularisation)
     cost, e = model.expand(states, controls, settings.curvature)
     end, iteration = End.ITERATION_LIMIT, 0
     while True:
@@ -116,24 +124,24 @@ def minimise(
                 full = False
                 continue
             regularisation.increase()
-            if regularisation.value > settings.most_regularisation:
+            if regularisation.is_exhausted:
                 end = End.STALLED
                 break
         gaps = np.abs(e.gap)
         largest = float(gaps.max(initial=0.0))
         if end is End.STALLED:
             break
-        met = report[2] <= settings.gradient and largest <= settings.gap
+        met = report[2] <= settings.gradient and largest <= _LARGEST_GAP
         if met and iteration >= settings.least_iterations:
             end = End.CONVERGED
             break
         if iteration == settings.iterations:
             break
         iteration += 1
-        step = _search(model, (states, controls, cost), e.gap, policy, report, settings, spare)
+        step = _search(model, (states, controls, cost), e.gap, policy, report, spare)
         if step == 0.0:
             regularisation.increase()
-            if regularisation.value > settings.most_regularisation:
+            if regularisation.is_exhausted:
                 end = End.STALLED
                 break
             continue
@@ -161,7 +169,6 @@ def _search(
     gap: Array,
     policy: Policy,
     report: Array,
-    settings: Settings,
     out: tuple[Array, Array],
 ) -> float:
     """Backtrack from the full step; the step taken, 0 if none is good enough."""
@@ -169,13 +176,13 @@ def _search(
     total, linear, _, slope = report
     gaps = float(np.abs(gap).sum())
     weight = 2.0 * slope
-    noise = settings.least_decrease * (1.0 + abs(cost))
+    noise = _ROUNDING * (1.0 + abs(cost))
     step = 1.0
-    while step >= settings.least_step:
+    while step >= _LEAST_STEP:
         value = model.roll_out(states, controls, policy, step, out)
         expected = step * linear + step * step * (total - linear) - step * weight * gaps
         change = value - cost - step * weight * gaps
-        if (expected < 0.0 and change <= settings.acceptance * expected) or abs(expected) + abs(change) <= noise:
+        if (expected < 0.0 and change <= _ACCEPTANCE * expected) or abs(expected) + abs(change) <= noise:
             return step
         step *= 0.5
     return 0.0

@@ -33,7 +33,14 @@ DISTANCE = 1.0
 """Points nearer than this to an obstacle are penalised, D [m]."""
 GOAL_TOLERANCE = 1e-6
 """A result must end that near to the goal [m, rad]; it is not bent to fit."""
+CLEARANCE_TOLERANCE = 1e-6
+"""By which a result may fall short of the required clearance [m]."""
 _ALONG = np.linspace(0.0, 1.0, 5)  # points on each side of a body, as shares of its length
+_SHORTEST, _LONGEST = 1e-3, 1.0  # [m] of a step
+_GRADIENT = 1e-4  # largest projected gradient that counts as converged
+_CELL, _BESIDE = 0.25, 20.0  # [m] of the distance field, and how far it reaches beyond the path: a body's length
+_DENSE = 0.05  # [m] between samples of the path
+_FREE = 1e6  # [m, rad]: a roll-out that has gone so far has failed
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +62,7 @@ class SourceModel:
             wish = controls[k] + step * policy.k[k] + policy.gain[k] @ (x[k] - states[k])
             u[k] = np.clip(wish, *self._limits())
             x[k + 1] = rk4_step(self.problem.vehicle, x[k], u[k, 1], u[k, 1], u[k, 0], int(self.gear[k]))
-            if not np.abs(x[k + 1]).max() < 1e6:
+            if not np.abs(x[k + 1]).max() < _FREE:
                 return math.inf
         return self._cost(x, u)
 
@@ -79,8 +86,9 @@ class SourceModel:
         return self._cost(states, controls), e
 
     def _limits(self) -> tuple[Array, Array]:
+        """Least and largest (step length, steering angle)."""
         steer = self.problem.vehicle.max_steer
-        return np.array([1e-3, -steer]), np.array([1.0, steer])
+        return np.array([_SHORTEST, -steer]), np.array([_LONGEST, steer])
 
     def _cost(self, states: Array, controls: Array) -> float:
         tracking = (W_B * (states[:-1] - self.reference[:-1]) ** 2).sum()
@@ -122,15 +130,15 @@ def solve_source(problem: Problem, spacing: float, iterations: int, on_iterate: 
         value = objective(path, problem.weights)
         on_iterate(Iterate(iteration=count, path=path, objective=value, violation=miss, step=step))
 
-    settings = Settings(iterations=iterations, curvature=False, gradient=1e-4, first_regularisation=1.0)
+    settings = Settings(iterations=iterations, curvature=False, gradient=_GRADIENT, first_regularisation=1.0)
     found = minimise(model, states, controls, settings, stepped)
-    path, wrong = _path(model, found.controls), []
+    path = _path(model, found.controls)
     miss = np.abs(path.goal - problem.initial.goal)
     clear = path_clearance(problem.vehicle, problem.scene, path) - problem.required_clearance
     checks = (
         (max(miss[:2]) <= GOAL_TOLERANCE, f"misses the goal by {max(miss[:2]):.3g} m"),
         (max(miss[2:]) <= GOAL_TOLERANCE, f"by {max(miss[2:]):.3g} rad"),
-        (clear >= -1e-6, f"lacks {-clear:.3g} m of clearance"),
+        (clear >= -CLEARANCE_TOLERANCE, f"lacks {-clear:.3g} m of clearance"),
         *_limits_kept(problem, path),
     )
     wrong = [words for is_kept, words in checks if not is_kept]
@@ -173,8 +181,8 @@ def _model(problem: Problem, spacing: float) -> tuple[SourceModel, Array, Array]
     keep = np.append(drives, True)  # of both knots at a gear change the second
     reference = np.array(knots.states[keep])
     steer = 0.5 * (knots.phi[:-1] + knots.phi[1:])
-    low, high = reference[:, :2].min(axis=0) - 20.0, reference[:, :2].max(axis=0) + 20.0
-    field = distance_field(problem.scene, 0.25, (low[0], low[1], high[0], high[1]))
+    low, high = reference[:, :2].min(axis=0) - _BESIDE, reference[:, :2].max(axis=0) + _BESIDE
+    field = distance_field(problem.scene, _CELL, (low[0], low[1], high[0], high[1]))
     count = int(drives.sum())
     model = SourceModel(problem, knots.gear[drives], reference, field, new_expansion(count, 4, 2))
     return model, reference, np.stack([knots.h[drives], steer[drives]], axis=1)
@@ -189,7 +197,7 @@ def _path(model: SourceModel, controls: Array) -> Path:
         h, steer = controls[block, 0], controls[block, 1]
         s = np.concatenate([[0.0], np.cumsum(h)])
         phi = np.concatenate([steer[:1], 0.5 * (steer[1:] + steer[:-1]), steer[-1:]])
-        dense = np.union1d(s, np.linspace(0.0, s[-1], max(2, math.ceil(s[-1] / 0.05)) + 1))
+        dense = np.union1d(s, np.linspace(0.0, s[-1], max(2, math.ceil(s[-1] / _DENSE)) + 1))
         dense = dense[np.append(True, np.diff(dense) > 1e-6)]
         gear = int(model.gear[block[0]])
         segments.append(roll_out_segment(model.problem.vehicle, state, gear, dense, np.interp(dense, s, phi)))

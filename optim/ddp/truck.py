@@ -214,7 +214,7 @@ def _drive_cost(st, e, k, w, x, u0):
     bend = 2.0 * steer * h / 3.0 + 2.0 * pull / h
     e.lzz[k, 4, 4] += bend
     e.lzz[k, 6, 6] = bend
-    e.lzz[k, 7, 7] = 1.0
+    e.lzz[k, 7, 7] = 1.0  # L+ is held here and changes nothing, but Q_uu must stay positive
     e.lzz[k, 6, 4] = steer * h / 3.0 - 2.0 * pull / h
     e.lzz[k, 5, 5] += 2.0 * pull * rate * rate * w * w / h
     by_left, by_right = w * (steer * left + 2.0 * pull * rate / h), w * (steer * right - 2.0 * pull * rate / h)

@@ -21,7 +21,6 @@ import numpy as np
 
 from optim.arrays import frozen
 from optim.cpo.discs import axle_point, covering_discs
-from optim.cpo.drivable import Trust
 from optim.cpo.points import Row, Track, spread
 from optim.cpo.rounds import TOLERATED, Settings, Trial, checks, improve
 from optim.cpo.terms import Terms
@@ -53,19 +52,19 @@ class Cpo:
     """discs: discs that contain truck and trailer, in their orientation; points: the trailer's axle in a map of
     square cells (the source's, equation 18)."""
     weight_obstacle: float = 300.0
-    """Of the squared lack of distance, over arc length and the bodies' outline, w_o [1/m^4].
+    """Weight of the squared lack of distance, over arc length and the bodies' outline, w_o [1/m^4].
 
     Enough to hold the points off: on the sample logs nothing had to be anchored, and a third gives the same J."""
     weight_curvature: float = 1000.0
-    """Of the squared curvature of either axle beyond 98 % of its limit, over arc length, w_k [m].
+    """Weight of the squared curvature of either axle beyond 98 % of its limit, over arc length, w_k [m].
 
-    Ten times as much takes twice as long for the same J."""
+    Ten times as much gives the same J."""
     weight_smoothness: float = 40.0
-    """Of the squared second difference of the points, by arc length, w_s [m]."""
+    """Weight of the squared second difference of the points, by arc length, w_s [m]."""
     weight_change: float = 500.0
-    """Of the squared change of curvature, by arc length, w_g [m^3]."""
+    """Weight of the squared change of curvature, by arc length, w_g [m^3]."""
     d_max: float = 0.1
-    """Discs cost where their distance to an obstacle is below the required clearance and this [m]."""
+    """Discs cost where their distance to an obstacle is below the required clearance plus this [m]."""
     excess: float = 0.1
     """Discs protrude from the bodies by at most this [m]."""
     resolution: float = 0.25
@@ -79,15 +78,15 @@ class Cpo:
     minimiser: Literal["bfgs", "lbfgs"] = "bfgs"
     """bfgs: every pair of steps and gradients since the metric was last evaluated is kept; lbfgs: the last twenty."""
     max_iterations: int = 100
-    """Steps of the minimiser, at most, in each sweep of a round."""
+    """Steps of the minimiser, at most, in each sweep of a round [-]."""
     tolerance: float = 1e-4
     """A sweep ends when the decrease still promised is at most tolerance * cost [-]."""
     max_step: float = 0.5
     """No point moves further in one step [m]: a longer one may jump over an obstacle."""
     sweeps: int = 2
-    """In each round the points are laid out evenly again and moved on, this often at most."""
+    """In each round the points are laid out evenly again and moved on, this often at most [-]."""
     rounds: int = 12
-    """Rounds of anchoring for each segment, at most; then it stays as recorded."""
+    """Rounds of anchoring for each segment, at most [-]; then it stays as recorded."""
     sample_spacing: float = 0.05
     """Distance between samples of the path [m]."""
 
@@ -141,7 +140,6 @@ class Cpo:
         return Settings(
             problem=problem,
             terms=self.terms(problem, self.spacing),
-            trust=Trust(),
             spacing=self.spacing,
             rounds=self.rounds,
             sweeps=self.sweeps,

@@ -23,7 +23,7 @@ class Nlp:
     spacing: float = 0.35
     """Distance between knots [m]; step lengths may become up to twice as long."""
     max_iterations: int = 500
-    """Iterations of one solution, at most."""
+    """IPOPT's iterations in one solution, at most [-]."""
     tolerance: float = 1e-6
     """IPOPT's tolerance on its scaled optimality error [-]."""
     reach: float = 3.0
@@ -34,7 +34,7 @@ class Nlp:
     obstacles_later: bool = False
     """First solve without obstacles, then with (the source author's remark); not worth its time as a rule."""
     removals: int = 0
-    """Segments of the converged path whose removal is tried, shortest first; each costs about as much as the rest."""
+    """Segments of the converged path whose removal is tried, shortest first [-]; each takes as long as all else."""
     time_limit: float = 120.0
     """Processor time in IPOPT, all solutions together [s]."""
 

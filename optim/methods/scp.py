@@ -23,19 +23,20 @@ class Scp:
     spacing: float = 0.35
     """Distance between knots [m]; step lengths may become up to twice as long."""
     max_iterations: int = 60
-    """Sub-problems of one solution, at most."""
+    """Sub-problems in one solution, at most [-]."""
     tolerance: float = 1e-5
-    """A solution has converged when the convex model predicts a decrease of J of at most this share [-]."""
+    """Largest decrease of J, as a share of it, that the convex model still predicts for a converged solution [-]."""
     feasibility: float = 1e-7
-    """... and the largest defect and missing clearance are at most this, in units of 0.3 wheelbases and 0.2 rad."""
+    """Largest defect and missing clearance of a converged solution [-], in units of 0.3 wheelbases and 0.2 rad."""
     trust_region: float = 1.0
-    """First radius: steering and heading change by at most 1.5 * 0.2 rad times this, step lengths by half."""
+    """First radius [-]: times 0.3 rad it bounds the change of steering, heading and hitch angle, times half the spacing
+    that of step lengths."""
     weight: float = 1e4
-    """First weight of the squared virtual control and slack; grows while the violation does not fall."""
+    """First weight of the squared virtual control and slack [-]; it grows while the violation does not fall."""
     corrections: int = 3
-    """Second-order corrections of a step, at most."""
+    """Second-order corrections of a step, at most [-]."""
     removals: int = 3
-    """Segments of the converged path whose removal is tried, shortest first."""
+    """Segments of the converged path whose removal is tried, shortest first [-]."""
     solver: Literal["clarabel", "piqp", "qoco", "osqp"] = "clarabel"
     """Solver of the sub-problems; others than Clarabel must be installed (pip install piqp qoco osqp)."""
     time_limit: float = math.inf

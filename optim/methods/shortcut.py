@@ -49,7 +49,7 @@ class Shortcut:
     spacing: float = 0.05
     """Distance between samples of new pieces [m]."""
     seed: int = 0
-    """Seed of the random variant."""
+    """Seed of the random variant [-]."""
 
     def __post_init__(self) -> None:
         expected = {

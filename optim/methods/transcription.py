@@ -16,7 +16,7 @@ to nothing. A vanished segment must be merged away, not kept: at h -> 0 it would
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -153,23 +153,12 @@ def knots_of(vehicle: Vehicle, path: Path, spacing: float) -> Knots:
     Neighbouring segments of equal gear become one: where the steering jumps between them, the knot takes the mean.
     """
     parts: list[tuple[Array, Array, Array, IntArray]] = []
-    for group in _grouped(path):
-        states, phi, h = _knots_of_group(vehicle, group, spacing)
-        if parts:
-            parts[-1][3][-1] = 0
-        parts.append((states, phi, np.append(h, 0.0), np.append(np.full(len(h), group[0].direction), 1)))
-    states, phi, h, gear = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Knots(states, phi, h[:-1], gear[:-1])
-
-
-def _grouped(path: Path) -> list[list[Segment]]:
-    groups: list[list[Segment]] = []
-    for segment in path.segments:
-        if groups and groups[-1][0].direction == segment.direction:
-            groups[-1].append(segment)
-        else:
-            groups.append([segment])
-    return groups
+    for gear, group in groupby(path.segments, key=lambda segment: segment.direction):
+        states, phi, h = _knots_of_group(vehicle, list(group), spacing)
+        # a gear change follows, but for the last segment
+        parts.append((states, phi, np.append(h, 0.0), np.append(np.full(len(h), gear), 0)))
+    states, phi, h, gears = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Knots(states, phi, h[:-1], gears[:-1])
 
 
 def _knots_of_group(vehicle: Vehicle, group: list[Segment], spacing: float) -> tuple[Array, Array, Array]:
@@ -179,13 +168,14 @@ def _knots_of_group(vehicle: Vehicle, group: list[Segment], spacing: float) -> t
     at = np.linspace(0.0, total, count + 1)
     states, phi = np.empty((count + 1, 4)), np.empty(count + 1)
     start = 0.0
-    for k, segment in enumerate(group):
-        inside = (at >= start) & (at <= start + segment.length) if k + 1 < len(group) else at >= start
-        states[inside], phi[inside] = sample_segment(vehicle, segment, at[inside] - start)
+    for segment in group:
+        rest = at >= start  # where this segment ends, the next one overwrites
+        states[rest], phi[rest] = sample_segment(vehicle, segment, at[rest] - start)
         start += segment.length
-    for before, after, place in zip(group, group[1:], np.cumsum([seg.length for seg in group]), strict=False):
-        near = int(np.argmin(np.abs(at - place)))
-        phi[near] = 0.5 * (before.phi[-1] + after.phi[0])
+    place = 0.0
+    for before, after in pairwise(group):
+        place += before.length
+        phi[np.argmin(np.abs(at - place))] = 0.5 * (before.phi[-1] + after.phi[0])
     return states, phi, np.full(count, total / count)
 
 
@@ -240,25 +230,19 @@ def without_segment(knots: Knots, index: int) -> Knots:
     runs = knots.runs
     if len(runs) == 1:
         raise ValueError("knots: the only segment cannot go")
-    run = runs[index]
-    first, last = index == 0, index == len(runs) - 1
-    left = slice(0, 0) if first else slice(0, run.start)  # knots before the segment: up to the cusp's first
-    right = slice(len(knots.phi), len(knots.phi)) if last else slice(run.stop + 1, len(knots.phi))
-    states, phi = knots.states[left].copy(), knots.phi[left].copy()
-    h, gear = knots.h[: max(left.stop - 1, 0)], knots.gear[: max(left.stop - 1, 0)]
-    after_states, after_phi = knots.states[right].copy(), knots.phi[right].copy()
-    after_h, after_gear = knots.h[right.start :], knots.gear[right.start :]
-    if first or last:
-        kept = (after_states, after_phi, after_h, after_gear) if first else (states, phi, h, gear)
-        return Knots(*kept)
+    end, after = runs[index].start, runs[index].stop + 1  # of the knots before the segment; first knot behind it
+    states, phi, h, gear = knots.states, knots.phi, knots.h, knots.gear
+    if index == 0:
+        return Knots(states[after:], phi[after:], h[after:], gear[after:])
+    if index == len(runs) - 1:
+        return Knots(states[:end], phi[:end], h[: end - 1], gear[: end - 1])
     # the two knots at the seam become one
-    states[-1] = 0.5 * (states[-1] + after_states[0])
-    phi[-1] = 0.5 * (phi[-1] + after_phi[0])
+    seam_state, seam_phi = (0.5 * (values[end - 1] + values[after]) for values in (states, phi))
     return Knots(
-        np.concatenate([states, after_states[1:]]),
-        np.concatenate([phi, after_phi[1:]]),
-        np.concatenate([h, after_h]),
-        np.concatenate([gear, after_gear]),
+        np.concatenate([states[: end - 1], seam_state[None], states[after + 1 :]]),
+        np.concatenate([phi[: end - 1], [seam_phi], phi[after + 1 :]]),
+        np.concatenate([h[: end - 1], h[after:]]),
+        np.concatenate([gear[: end - 1], gear[after:]]),
     )
 
 

@@ -24,6 +24,8 @@ _LOWEST, _STEP = -0.35, 0.25  # by the log of their ratio to the distance
 _TRIES = 40  # of the pattern search
 _COARSE = 24.0  # intervals of the curve at which a candidate of the search is checked
 _SLOWEST = 0.1  # of |B'| by the distance: below it the curve is close to a cusp
+_TARGETS = (0.995, 0.95)  # load that the search aims at on few samples; the second where many show more than 1
+_SHORTEST = 1e-3  # [m] between the ends: below it no direction leads from one to the other
 _HOPELESS = 2.2  # load of a candidate on the grid above which the pattern search rarely ends within the limits
 
 
@@ -151,13 +153,15 @@ def plan_bezier(start: Array, goal: Array, lim: Limits, max_length: float) -> tu
     Returns (length, tangent lengths a0, a1); the length is inf where none was found within the limits.
     """
     chord = math.hypot(goal[0], goal[1])
-    if chord <= max_length and chord > 1e-3:
+    if _SHORTEST < chord <= max_length:
         c = np.empty((8, 2))
-        for target in (0.995, 0.95):
+        for target in _TARGETS:
             ratio, a0, a1 = search(start, goal, chord, target, lim, c)
             if ratio == math.inf or ratio * chord > max_length:
                 break
             coefficients(start, goal, a0 * chord, a1 * chord, c)
+            # the full check: four times as dense as the search's and every 0.2 m; half as slow will do, since the
+            # slowest point may lie between those that the search looked at
             count, slowest, most = 96.0 + ratio * chord / 0.2, 0.5 * _SLOWEST * chord, 1.0 + TOLERANCE
             worst, length = curve_load(c, float(int(count)), 1.0, slowest, most, lim)
             if worst <= most:

@@ -12,12 +12,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from optim.arrays import Array, frozen
-from optim.path import Segment
+from optim.path import Segment, segment_from_states
 from optim.steering.bezier import plan_bezier, sample_bezier
 from optim.steering.flat import Flat, effort, limits
 from optim.steering.pieces import sample_turns
 from optim.steering.turns import plan_turns
-from optim.vehicle import Vehicle, flat_from_state, state_from_flat
+from optim.vehicle import Vehicle, state_from_flat
 
 END_TOLERANCE = 1e-8
 """How far the computed last state may be from the one asked for before it is replaced by it [m, rad]."""
@@ -111,9 +111,7 @@ class Connection:
 
     def segment(self, spacing: float = 0.05) -> Segment:
         """The samples of `sample` as a segment."""
-        s, states, phi = self.sample(spacing)
-        x, y, theta, alpha = states.T
-        return Segment(direction=self.direction, s=s, x=x, y=y, theta=theta, alpha=alpha, phi=phi)
+        return segment_from_states(self.direction, *self.sample(spacing))
 
 
 def _local(first: Flat, last: Flat) -> tuple[Array, Array]:
@@ -165,30 +163,3 @@ def connections(
             )
         )
     return sorted(found, key=lambda connection: connection.trailer_length)
-
-
-def connect(
-    vehicle: Vehicle,
-    start_state: Array,
-    start_phi: float,
-    end_state: Array,
-    end_phi: float,
-    direction: int,
-    spacing: float = 0.05,
-) -> Segment | None:
-    """The shortest connection between two states (x, y, theta, alpha) with their steering, or None.
-
-    The first sample is start_state exactly, the last one end_state but for a multiple of 2 pi in heading.
-    """
-    start = Flat(*flat_from_state(vehicle, start_state, np.asarray(start_phi)).tolist())
-    end = Flat(*flat_from_state(vehicle, end_state, np.asarray(end_phi)).tolist())
-    found = connections(vehicle, start, end, direction)
-    if not found:
-        return None
-    s, states, phi = found[0].sample(spacing)
-    turns = 2.0 * math.pi * round((states[-1, 2] - end_state[2]) / (2.0 * math.pi))
-    states[0], states[-1] = start_state, end_state
-    states[-1, 2] += turns
-    phi[0], phi[-1] = start_phi, end_phi
-    x, y, theta, alpha = states.T
-    return Segment(direction=direction, s=s, x=x, y=y, theta=theta, alpha=alpha, phi=phi)

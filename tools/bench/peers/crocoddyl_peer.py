@@ -15,9 +15,8 @@ from typing import Any, cast
 
 import numpy as np
 
-import optim.methods  # noqa: F401 - whole, before parts of it that import each other
 from optim.arrays import Array, IntArray
-from optim.ddp.augmented import Descent, Plan, descend, start_descent
+from optim.ddp.augmented import FALLEN, GROWTH, Descent, Plan, descend, start_descent
 from optim.ddp.model import TruckModel, knots_from
 from optim.ddp.search import required_clearance
 from optim.methods.transcription import Knots, knots_of, objective_of
@@ -116,8 +115,8 @@ def theirs(problem: Problem, compiled: bool = False) -> Outcome:
         if all(value <= limit for value, limit in zip(now, PLAN.tolerances, strict=True)) and stop <= STOP:
             break
         for i in range(3):
-            if now[i] > max(0.25 * before[i], PLAN.tolerances[i]):
-                scalars[i] *= PLAN.growth
+            if now[i] > max(FALLEN * before[i], PLAN.tolerances[i]):
+                scalars[i] *= GROWTH
         before = now
     solver.close()
     seconds = time.process_time() - began

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from optim.arrays import Array
-from optim.cpo.drivable import Trust, drivable_stretch
+from optim.cpo.drivable import drivable_stretch
 from optim.cpo.points import Track, spread
 from optim.methods.cpo import Cpo
 from optim.path import Path, Segment, segment_from_states
@@ -48,8 +48,8 @@ def _smoothed(problem: Problem, segment: Segment) -> tuple[Segment, int, str]:
 
     done = minimize(cost, row.points[free].ravel(), jac=True, method="CG", options={"maxiter": MOST_ITERATIONS})
     points[free] = done.x.reshape(-1, 2)
-    ends, trust = (track.flat[0], track.flat[-1]), Trust()
-    stretch = drivable_stretch(problem.vehicle, track.direction, points[1:-1], *ends, trust, METHOD.sample_spacing)
+    ends = (track.flat[0], track.flat[-1])
+    stretch = drivable_stretch(problem.vehicle, track.direction, points[1:-1], *ends, METHOD.sample_spacing)
     if stretch is None:
         return segment, int(done.nit), "no stretch"
     states = stretch.segment.states.copy()
