@@ -16,6 +16,7 @@ from rerun.catalog import CatalogClient
 import replay.cli
 from replay.errors import ReplayError
 from replay.recording.dataset import served
+from tools.processes import REPLAY
 
 
 @pytest.fixture(scope="module")
@@ -66,8 +67,8 @@ def test_a_folder_in_which_no_recording_is_whole_is_refused(folder):
 
 
 def test_the_command_serves_until_ctrl_c_and_ends_at_once(folder):
-    command = [sys.executable, "-c", "import sys; from replay.cli import main; sys.exit(main())", "view", str(folder)]
-    process = subprocess.Popen([*command, "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    command = [*REPLAY, "view", str(folder), "--json"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
         text = ""
@@ -88,10 +89,8 @@ def test_the_command_serves_until_ctrl_c_and_ends_at_once(folder):
 
 
 def test_every_recording_has_a_command_on_one_line_that_opens_it(folder):
-    program = "import sys; from replay.cli import main; sys.exit(main(['view', sys.argv[1]]))"
-    process = subprocess.Popen(
-        [sys.executable, "-c", program, str(folder)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    command = [*REPLAY, "view", str(folder)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
         lines = []

@@ -15,12 +15,12 @@ import time
 from typing import Any
 
 from replay.regress.store import Store
+from tools.processes import REPLAY
 from tools.regress.local_cluster import LocalCluster
 from tools.regress.small_logs import write_corpus
 
 TIMES = ("wall_s", "reason", "path")
 """What may differ: times, sentences in which times stand, and where the log was read from."""
-_START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 def main() -> int:
@@ -56,7 +56,7 @@ def main() -> int:
 def _results(runs: pathlib.Path, words: list[str]) -> dict[str, Any]:
     """The documents of a run, by log, without times."""
     begun = time.monotonic()
-    subprocess.run([sys.executable, "-c", _START, "regress", *words, "--out", str(runs), "--quiet"], check=True)
+    subprocess.run([*REPLAY, "regress", *words, "--out", str(runs), "--quiet"], check=True)
     print(f"{time.monotonic() - begun:.0f} s", file=sys.stderr, flush=True)
     return {document["log"]: timeless(document) for document in Store(next(runs.iterdir())).documents()}
 

@@ -19,6 +19,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from replay.regress.store import Store
+from tools.processes import REPLAY, is_running
 from tools.regress.local_cluster import LocalCluster
 from tools.regress.small_logs import write_corpus
 
@@ -26,7 +27,6 @@ MOST_EXECUTIONS = 1.2
 """Times each log may be worked on, on average."""
 MOST_GROWTH = 10.0
 """Of the coordinator [MiB]."""
-_START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 @dataclass(kw_only=True)
@@ -60,7 +60,7 @@ def main() -> int:
         write_corpus(folder / "corpus", options.count, refused=options.refused)
         with LocalCluster(folder / "cluster", options.workers) as cluster:
             seen = storm(folder, cluster, options)
-        left = [pid for pid in seen.killed if _is_running(pid)]
+        left = [pid for pid in seen.killed if is_running(pid)]
         return report(next((folder / "runs").iterdir()), options.count, seen, left)
 
 
@@ -97,7 +97,7 @@ def _coordinator(
 ) -> subprocess.Popen[bytes]:
     words = ["regress", str(folder / "corpus"), "--scheduler", cluster.address, "--method", options.method]
     words += ["--out", str(folder / "runs"), "--recordings", "none", *(["--resume"] if resume else [])]
-    return subprocess.Popen([sys.executable, "-c", _START, *words])
+    return subprocess.Popen([*REPLAY, *words])
 
 
 def report(run: pathlib.Path, count: int, seen: Seen, left: list[int]) -> int:
@@ -140,10 +140,6 @@ def _memory(pid: int) -> float:
     except OSError:
         return 0.0
     return next((int(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmRSS")), 0.0)
-
-
-def _is_running(pid: int) -> bool:
-    return pathlib.Path(f"/proc/{pid}").exists()
 
 
 if __name__ == "__main__":
