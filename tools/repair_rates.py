@@ -32,8 +32,10 @@ from optim.path import Path, sample_segment  # noqa: E402
 from optim.vehicle import Vehicle  # noqa: E402
 from replay.case import Case  # noqa: E402
 from replay.errors import LogError  # noqa: E402
+from replay.kernels import drop_stale  # noqa: E402
 from replay.logs import ReadOptions, read_cases  # noqa: E402
 from replay.results import path_to_document, scene_to_document  # noqa: E402
+from tools.script import existing, from_one, run  # noqa: E402
 
 make: Any = importlib.import_module("logs_maker")
 
@@ -111,11 +113,14 @@ class Outcome(NamedTuple):
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("logs", nargs="+", type=pathlib.Path)
+    parser.add_argument("logs", nargs="+", type=existing, metavar="LOG")
     parser.add_argument("--only", default="", help="rows whose name holds this text")
-    parser.add_argument("--seeds", type=int, default=1, help="distorted logs for each log and row")
+    parser.add_argument(
+        "--seeds", type=from_one, default=1, help="distorted logs for each log and row (default: %(default)s)"
+    )
     parser.add_argument("--verbose", action="store_true", help="say what was wrong with each")
     given = parser.parse_args()
+    drop_stale()
     cases = [(log, read_cases(log)[0]) for log in given.logs]
     heads = f"{'distortion':<30}{'logs':>5}{'read':>5}{'gears':>6}{'sound':>6}{'max':>7}{'worst':>7}{'rms':>6}"
     print(heads + f"{'hitch':>7}{'poses':>7}{'ms':>7}  errors")
@@ -262,4 +267,4 @@ def _copy_without_paths(log: pathlib.Path) -> Any:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

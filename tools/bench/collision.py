@@ -20,6 +20,7 @@ import shapely
 from optim.scene import Scene, clearance, collides, first_violation, make_scene, swept_clearance
 from optim.vehicle import Vehicle, body_corners, roll_out
 from replay.kernels import drop_stale
+from tools.script import existing, run
 
 NUM_POSES = 20_000
 SPACING = 0.1  # [m] between poses of a drive
@@ -138,8 +139,8 @@ def cases(logs: list[pathlib.Path]) -> Iterator[tuple[str, Vehicle, Scene, list[
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("logs", nargs="*", type=pathlib.Path)
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("logs", nargs="*", type=existing, metavar="LOG", help="default: yards made here")
+    parser.add_argument("--json", action="store_true", help="print the rows as JSON")
     options = parser.parse_args()
     drop_stale()
     if hasattr(os, "sched_setaffinity"):
@@ -160,4 +161,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -26,6 +26,7 @@ from optim.methods.ddp import Ddp
 from optim.objective import objective
 from replay.kernels import drop_stale
 from replay.logs import read_cases
+from tools.script import existing, run
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tests"))
 
@@ -142,7 +143,7 @@ def logs(paths: list[pathlib.Path]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Speed and quality of differential dynamic programming.")
-    parser.add_argument("logs", nargs="*", type=pathlib.Path)
+    parser.add_argument("logs", nargs="*", type=existing, metavar="LOG", help="default: none")
     arguments = parser.parse_args()
     drop_stale()
     linear_quadratic()
@@ -152,4 +153,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)
