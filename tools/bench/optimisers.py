@@ -19,7 +19,7 @@ from optim.methods import Method
 from optim.methods.chain import named
 from optim.objective import objective
 from optim.problem import Problem
-from optim.result import OnIterate, Result, ignore
+from optim.result import Result
 from optim.scp import loop
 from optim.scp.subproblem import Step
 from replay.case import Case
@@ -27,6 +27,7 @@ from replay.cli import use_one_thread
 from replay.kernels import drop_stale
 from replay.logs import ReadOptions, read_cases
 from replay.run import run_case
+from tools.bench.peers.common import Given
 from tools.script import existing, run
 
 METHODS = ("nlp", "scp", "ddp", "shortcut+scp")
@@ -77,7 +78,7 @@ def _measure(case: Case, name: str, method: Method) -> tuple[float, int, float, 
     result, seconds = _timed(method, case.problem)
     for _ in range(2 if name == "ddp" else 0):
         seconds = min(seconds, _timed(method, case.problem)[1])
-    judged = run_case(case, {name: _Given(result)}).methods[0]
+    judged = run_case(case, {name: Given(result)}).methods[0]
     return objective(judged.path, case.problem.weights), judged.path.num_cusps, seconds, judged.status[0]
 
 
@@ -85,17 +86,6 @@ def _timed(method: Method, problem: Problem) -> tuple[Result, float]:
     started = time.process_time()
     result = method.solve(problem)
     return result, time.process_time() - started
-
-
-class _Given:
-    """A method that gives back a result that is there already, so that it is audited without solving again."""
-
-    def __init__(self, result: Result) -> None:
-        self.result = result
-
-    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
-        del problem, on_iterate
-        return self.result
 
 
 def _sub_problems(problem: Problem) -> str:
