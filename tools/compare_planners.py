@@ -34,7 +34,7 @@ from tools.corpus.build import task_of  # noqa: E402
 from tools.corpus.families import CLASSES, draw_site  # noqa: E402
 from tools.corpus.grid import draw_grid  # noqa: E402
 from tools.corpus.rrt import Search  # noqa: E402
-from tools.corpus.site import Grid, Site  # noqa: E402
+from tools.corpus.site import Site  # noqa: E402
 from tools.planners.closed_loop import ClosedLoopTree  # noqa: E402
 from tools.planners.exact_tree import ExactTree  # noqa: E402
 from tools.planners.hybrid import HybridAStar  # noqa: E402
@@ -99,7 +99,7 @@ def first_free(kind: str, number: int) -> Site:
 
 def _task(key: tuple[str, int]) -> Task:
     site = first_free(*key)
-    return task_of(site, draw_grid(site, site.map) if isinstance(site.map, Grid) else None)
+    return task_of(site, draw_grid(site))
 
 
 def _measure(kind: str, number: int, seeds: int, time_limit: float) -> list[Row]:
