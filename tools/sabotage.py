@@ -18,6 +18,7 @@ from multiprocessing import get_context
 
 from optim.audit import ALL
 from optim.methods import METHODS
+from optim.methods.chain import named
 from optim.path import Path
 from optim.problem import Problem
 from replay.errors import LogError
@@ -26,7 +27,7 @@ from replay.logs import read_cases
 from replay.run import run_case
 from tools.saboteur.claims import KINDS, Claim, claim_of
 from tools.saboteur.trial import Outcome, report_of, trial
-from tools.script import existing, from_one, run
+from tools.script import existing, from_one, method_name, run
 
 ROOM = 0.02
 """Least swept clearance of the paths to be spoiled [m]: small damage shall not be seen by a collision."""
@@ -66,10 +67,7 @@ def main() -> int:
 
 
 def _methods(text: str) -> list[str]:
-    names = [name for name in text.split(",") if name]
-    if unknown := set(names) - set(METHODS):
-        raise argparse.ArgumentTypeError(f"no method {', '.join(sorted(unknown))}; there are {', '.join(METHODS)}")
-    return names
+    return [method_name(name) for name in text.split(",") if name]
 
 
 def _part(text: str) -> tuple[int, int]:
@@ -88,7 +86,7 @@ def sound_claims(log: pathlib.Path, methods: list[str]) -> list[Claim]:
         return []
     found = []
     for case in cases:
-        run = run_case(case, {name: METHODS[name] for name in methods})
+        run = run_case(case, {name: named(name, METHODS) for name in methods})
         paths: list[Path] = [case.problem.recorded]
         paths += [method.path for method in run.methods if method.status == "improved"]
         found += [claim for path in paths if _is_sound(claim := _claim(case.problem, path))]

@@ -24,6 +24,18 @@ def from_one(text: str) -> int:
     return int(text)
 
 
+def method_name(text: str) -> str:
+    """The name of a method that an argument gives, for `type=`, or names that are joined to a chain by `+`."""
+    from optim.methods import METHODS  # most scripts do not ask for one, and it takes a while
+    from optim.methods.chain import named
+
+    try:
+        named(text, METHODS)
+    except KeyError as error:
+        raise argparse.ArgumentTypeError(f"no method {error.args[0]!r}; there are {', '.join(METHODS)}") from error
+    return text
+
+
 def run(main: Callable[[], int | None]) -> NoReturn:
     """Call `main` and end with the exit status that it gives, or with the line and the status of a known error."""
     try:

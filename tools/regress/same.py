@@ -2,7 +2,7 @@
 
 Usage: python tools/regress/same.py [--count N] [--corpus FOLDER] [--method NAME]...
 
-By default on small logs; times alone may differ.
+By default on small logs; times alone may differ. The exit status is 1 if anything else does.
 """
 
 import argparse
@@ -18,6 +18,7 @@ from replay.regress.store import Store
 from tools.processes import REPLAY
 from tools.regress.local_cluster import LocalCluster
 from tools.regress.small_logs import write_corpus
+from tools.script import existing, from_one, method_name, run
 
 TIMES = ("wall_s", "reason", "path")
 """What may differ: times, sentences in which times stand, and where the log was read from."""
@@ -25,9 +26,9 @@ TIMES = ("wall_s", "reason", "path")
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=300)
-    parser.add_argument("--corpus", type=pathlib.Path)
-    parser.add_argument("--method", action="append")
+    parser.add_argument("--count", type=from_one, default=300, help="small logs (default: %(default)s)")
+    parser.add_argument("--corpus", type=existing, metavar="FOLDER", help="take the logs of this folder")
+    parser.add_argument("--method", action="append", type=method_name, help="may be repeated (default: ddp, cpo)")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # what was started is ended then, too
     with tempfile.TemporaryDirectory() as name:
@@ -69,4 +70,4 @@ def timeless(document: Any) -> Any:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)
