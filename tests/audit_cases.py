@@ -22,16 +22,17 @@ Case = dict[str, Any]
 
 
 def plain(path: Path) -> Case:
-    columns = ("s", "x", "y", "theta", "alpha", "phi")
+    """The path as a document has it."""
     return {
         "segments": [
-            {"direction": segment.direction} | {key: getattr(segment, key).tolist() for key in columns}
+            {"direction": segment.direction} | {key: getattr(segment, key).tolist() for key in COLUMNS}
             for segment in path.segments
         ]
     }
 
 
 def case_of(path: Path, polygons: list[Any], vehicle: Vehicle = VEHICLE, boundary: Any = None) -> Case:
+    """The claim that a path improves itself, with its right J."""
     return {
         "vehicle": dataclasses.asdict(vehicle),
         "scene": {"polygons": [np.asarray(p).tolist() for p in polygons], "boundary": boundary},
@@ -62,6 +63,7 @@ def segment(case: Case, index: int = 0, key: str = "path") -> Case:
 
 
 def add(values: list[float], offset: Any, start: int = 0, stop: int | None = None) -> None:
+    """Add to some of the values, in place."""
     values[start:stop] = (np.array(values[start:stop]) + offset).tolist()
 
 
@@ -136,7 +138,7 @@ def steering_beyond_limit(phi: np.ndarray) -> None:
 
 
 def limit_lowered(name: str, factor: float) -> Callable[[Case], Case]:
-    """Largest value met is this factor above the limit."""
+    """The limit is the largest value met, divided by the factor."""
 
     def damage(case: Case) -> Case:
         checks = {"max_steer": "steer", "max_hitch": "hitch", "max_steer_rate": "steer_rate"}

@@ -1,7 +1,8 @@
 """Fixtures that more than one file of tests uses, and the profile of the property tests."""
 
 import pathlib
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import logs_maker as make
@@ -21,6 +22,14 @@ from replay.run import Run
 drop_stale()
 settings.register_profile("replay", deadline=None, derandomize=True)  # the same examples on every machine
 settings.load_profile("replay")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ctrl_c_is_heard() -> Iterator[None]:
+    """What the tests start hears Ctrl-C, even where a shell runs the tests in the background, which ignores it."""
+    kept = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, kept)
 
 
 @pytest.fixture(scope="session")

@@ -39,7 +39,7 @@ def grid(
     frame: str = "map",
     kind: int = 2,
 ) -> Any:
-    """A grid of cells (H, W), as bytes of one field: `kind` 1 is uint8, 2 int8, 7 float32."""
+    """A grid of cells (H, W), as bytes of one field: `kind` 1 is uint8, 2 int8, 7 float32, 8 float64."""
     values = np.ascontiguousarray(cells, {1: "<u1", 2: "<i1", 7: "<f4", 8: "<f8"}[kind])
     return message(
         "Grid",

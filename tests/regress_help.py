@@ -1,11 +1,9 @@
 """Runs of a regression with real processes, for its tests."""
 
 import json
-import os
 import pathlib
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -17,9 +15,7 @@ from replay.regress.running import Execute, Plan, carry_out, start
 from replay.regress.settings import Settings
 from replay.regress.slot import Slot
 from replay.regress.store import Store
-from tools.regress.same import timeless
-
-__all__ = ["timeless"]
+from tools.processes import REPLAY
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 RECORDINGS = ROOT / "recordings"
@@ -67,7 +63,7 @@ def command(*arguments: str, **more: Any) -> subprocess.CompletedProcess[str]:
 
 
 def call(*arguments: str) -> Sequence[str]:
-    return [sys.executable, "-c", "import sys; from replay.cli import main; sys.exit(main())", *arguments]
+    return [*REPLAY, *arguments]
 
 
 def verdicts(store: Store, *wanted: str) -> list[dict[str, Any]]:
@@ -97,11 +93,3 @@ def below(pid: int) -> list[int]:
         found += children
         waiting += children
     return found
-
-
-def is_running(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except (ProcessLookupError, FileNotFoundError):
-        return False

@@ -15,6 +15,7 @@ from mcap.writer import CompressionType
 
 import replay.cli
 from optim.methods import METHODS
+from tools.processes import REPLAY
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 BAY = ROOT / "recordings" / "bay_01.mcap"
@@ -356,9 +357,8 @@ def test_audit_of_files_of_which_one_cannot_be_read_gives_status_3(run, results)
 @pytest.mark.skipif(not pathlib.Path("/dev/full").exists(), reason="a device of Linux")
 @pytest.mark.parametrize("command", [("info",), ("info", "--json"), ("optimize", "--method", "ddp", "--no-recording")])
 def test_a_full_disk_behind_standard_output_is_one_line_and_status_1(log, tmp_path, command):
-    call = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
     with pathlib.Path("/dev/full").open("w") as full:
-        arguments = [sys.executable, "-c", call, *command, str(log), "--quiet"]
+        arguments = [*REPLAY, *command, str(log), "--quiet"]
         done = subprocess.run(arguments, stdout=full, stderr=subprocess.PIPE, text=True, cwd=tmp_path, timeout=120)
     assert done.returncode == 1
     assert done.stderr == "replay: standard output cannot be written: No space left on device\n"

@@ -14,7 +14,9 @@ from replay.errors import ReplayError
 from replay.regress.cluster import check_address, run_on_cluster
 from replay.regress.pool import run_here
 from replay.regress.running import Plan, carry_out, start
+from tools.processes import is_running
 from tools.regress.local_cluster import LocalCluster
+from tools.regress.same import timeless
 from tools.regress.small_logs import write_corpus
 from tools.regress.storm import growth
 
@@ -83,14 +85,14 @@ def test_killed_workers_cost_no_log_nothing_runs_on_and_results_are_those_of_thi
         carry_out(plan, store, lambda jobs: run_on_cluster(jobs, cluster.address), kill_some)
         assert len(set(killed)) == 2
         assert below
-        assert not [pid for pid in (*killed, *below) if help.is_running(pid)]
+        assert not [pid for pid in (*killed, *below) if is_running(pid)]
         assert cluster.workers()
-    documents = {document["log"]: help.timeless(document) for document in store.documents()}
+    documents = {document["log"]: timeless(document) for document in store.documents()}
     assert len(documents) == len(store.done()) == COUNT
     assert len(help.attempts(store)) <= COUNT + 2 * 4
     other = start(plan, tmp_path / "here")
     carry_out(plan, other, lambda jobs: run_here(jobs, 2), lambda *_: None)
-    assert {document["log"]: help.timeless(document) for document in other.documents()} == documents
+    assert {document["log"]: timeless(document) for document in other.documents()} == documents
 
 
 def test_a_scheduler_that_dies_ends_the_run_with_one_line_and_the_rest_can_be_done_here(plan, tmp_path):

@@ -3,13 +3,13 @@
 import os
 import pathlib
 import subprocess
-import sys
 
 import pytest
 import regress_help as help
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 
+from tools.processes import REPLAY
 from tools.regress.local_cluster import Certificates, LocalCluster
 from tools.regress.small_logs import write_corpus
 
@@ -27,9 +27,8 @@ def cluster(tmp_path_factory):
 
 def _regress(folder: pathlib.Path, address: str, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
     write_corpus(folder / "corpus", COUNT)
-    start = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
     options = ["--out", str(folder / "runs"), "--method", "ddp", "--recordings", "none", "--scheduler", address]
-    command = [sys.executable, "-c", start, "regress", str(folder / "corpus"), *options]
+    command = [*REPLAY, "regress", str(folder / "corpus"), *options]
     return subprocess.run(command, env=os.environ | environment, cwd=help.ROOT, capture_output=True, text=True)
 
 

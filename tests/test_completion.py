@@ -6,13 +6,13 @@ import pty
 import select
 import shutil
 import subprocess
-import sys
 import time
 
 import pytest
 
 import replay.cli
 from optim.methods import METHODS
+from tools.processes import REPLAY
 
 SHELLS = [
     pytest.param(name, marks=pytest.mark.skipif(shutil.which(name) is None, reason=f"{name} is not installed"))
@@ -27,9 +27,8 @@ def home(tmp_path_factory) -> pathlib.Path:
     home = tmp_path_factory.mktemp("home")
     environment = {**os.environ, "HOME": str(home)}
     for shell in ("bash", "zsh"):
-        command = [sys.executable, "-c", "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"]
         done = subprocess.run(
-            [*command, "--install-completion", "--shell", shell],
+            [*REPLAY, "--install-completion", "--shell", shell],
             env={name: value for name, value in environment.items() if not name.startswith("ZSH")},
             capture_output=True,
             text=True,

@@ -13,11 +13,11 @@ from logs_maker import sound_log
 
 from optim.methods import METHODS
 from replay.cli import use_one_thread
+from tools.processes import REPLAY
 
 TIMES = ("wall_s", "compile_s", "solver_s")
 """What may differ: how long things took."""
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "RAYON_NUM_THREADS")
-START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 def without_times(node: Any) -> Any:
@@ -30,7 +30,7 @@ def optimised(log: pathlib.Path, out: pathlib.Path, folder: pathlib.Path, **envi
     """The results of all methods in a fresh process, as text; every float has all its digits."""
     arguments = ["optimize", str(log), "--out", str(out), "--quiet", "--seed", "3"]
     subprocess.run(
-        [sys.executable, "-c", START, *arguments, "--no-recording"],
+        [*REPLAY, *arguments, "--no-recording"],
         cwd=folder,
         env=os.environ | environment,
         check=True,

@@ -3,7 +3,6 @@
 import pathlib
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator
 
 import pytest
@@ -11,8 +10,7 @@ from logs_maker import sound_log
 
 from replay.confirm import audit_results
 from replay.results import read_results
-
-START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
+from tools.processes import REPLAY
 
 
 @pytest.fixture
@@ -34,7 +32,7 @@ def test_nothing_half_written_is_left_on_a_full_disk(tmp_path: pathlib.Path, dis
     """With room for nothing, and with room for the results but not for the recording beside them."""
     log = sound_log().write(tmp_path / "yard.mcap")
     (disk / "others").write_bytes(bytes(((1 << 20) - free_kib * 1024) // 4096 * 4096))
-    command = [sys.executable, "-c", START, "optimize", str(log), "--method", "ddp", "--out", str(disk), "--quiet"]
+    command = [*REPLAY, "optimize", str(log), "--method", "ddp", "--out", str(disk), "--quiet"]
     ended = subprocess.run(command, capture_output=True, text=True)
     assert ended.returncode == 1
     (line,) = ended.stderr.splitlines()

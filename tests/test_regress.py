@@ -19,6 +19,8 @@ from replay.regress.baseline import read_baseline
 from replay.regress.finish import finish
 from replay.regress.running import Execute, carry_out, remaining, resumed, start
 from replay.regress.slot import Slot
+from tools.processes import is_running
+from tools.regress.same import timeless
 
 BAY = tuple(help.LENGTHS.values())
 DOCK = (118.65,)
@@ -102,7 +104,7 @@ def test_the_unchanged_program_passes_every_time_in_any_order_and_gives_the_same
         store, said = help.run(plan, runs, help.here(2) if number == 1 else warm)
         assert said["state"] == "passed"
         assert not help.verdicts(store, "worse", "better", "crashed", "missing", "new", "known")
-        documents = {document["log"]: help.timeless(document) for document in store.documents()}
+        documents = {document["log"]: timeless(document) for document in store.documents()}
         first = first or documents
         assert documents == first
     assert len(list(runs.iterdir())) == 5
@@ -253,7 +255,7 @@ def test_ctrl_c_stops_within_two_seconds_leaves_no_process_and_the_rest_can_be_d
         process.kill()
     assert process.returncode == 130
     assert took < 2.0
-    assert not [pid for pid in children if help.is_running(pid)]
+    assert not [pid for pid in children if is_running(pid)]
     assert "--resume" in error.strip().splitlines()[-1]
     assert "Traceback" not in error
 
@@ -270,9 +272,9 @@ def test_killing_the_command_leaves_no_process_that_works_on(tmp_path):
     process.kill()
     process.wait()
     deadline = time.monotonic() + 5.0
-    while [pid for pid in children if help.is_running(pid)] and time.monotonic() < deadline:
+    while [pid for pid in children if is_running(pid)] and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert not [pid for pid in children if help.is_running(pid)]
+    assert not [pid for pid in children if is_running(pid)]
 
 
 def test_results_that_cannot_be_written_end_the_run_with_one_line(corpus, runs, warm):

@@ -14,6 +14,7 @@ from logs_maker import sound_log
 import replay.cli
 from replay.cli.signals import like_ctrl_c
 from replay.cli.usage import ExitStatus
+from tools.processes import REPLAY, is_running
 
 TESTS = pathlib.Path(__file__).parent
 RUN = """
@@ -40,24 +41,17 @@ def sleeper(tmp_path: pathlib.Path):
             assert process.poll() is None, process.communicate()[1]
             time.sleep(0.01)
         (child,) = pathlib.Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-        yield process, pathlib.Path("/proc") / child
+        yield process, int(child)
     finally:
         process.kill()
         process.communicate()
 
 
-def is_alive(process: pathlib.Path) -> bool:
-    try:
-        return (process / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-def gone(process: pathlib.Path) -> bool:
+def gone(pid: int) -> bool:
     deadline = time.monotonic() + 10.0
-    while is_alive(process) and time.monotonic() < deadline:
+    while is_running(pid) and time.monotonic() < deadline:
         time.sleep(0.01)
-    return not is_alive(process)
+    return not is_running(pid)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +73,7 @@ def test_a_signal_ends_a_run_with_its_status_and_nothing_is_left(sleeper, tmp_pa
 
 def test_the_methods_process_ends_with_a_run_that_is_killed_even_if_it_says_nothing_any_more(sleeper):
     process, child = sleeper
-    assert is_alive(child)
+    assert is_running(child)
     process.kill()
     assert gone(child)
 
@@ -87,8 +81,7 @@ def test_the_methods_process_ends_with_a_run_that_is_killed_even_if_it_says_noth
 def test_the_whole_command_answers_sigterm(tmp_path):
     log = sound_log().write(tmp_path / "yard.mcap")
     out = tmp_path / "out"
-    start = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-c", start, "optimize", str(log), "--out", str(out), "--method", "nlp"]
+    command = [*REPLAY, "optimize", str(log), "--out", str(out), "--method", "nlp"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         while not (out.is_dir() and any(out.iterdir())):
             assert process.poll() is None

@@ -18,6 +18,7 @@ from replay.errors import ReplayError
 from replay.regress.corpus import find_corpus
 from replay.regress.slot import Slot
 from replay.regress.stores import fetched
+from tools.regress.same import timeless
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +63,7 @@ def test_a_prefix_is_a_corpus_and_its_results_are_those_of_the_files(bucket, tmp
     there = {document["log"]: document for document in store.documents()}["bay_01"]
     here = {document["log"]: document for document in files.documents()}["bay_01"]
     assert there["path"] == f"{bucket}/bay_01.mcap"
-    assert help.timeless(there["cases"]) == help.timeless(here["cases"])
+    assert timeless(there["cases"]) == timeless(here["cases"])
     assert there["sha256"] == here["sha256"]
 
 

@@ -2,12 +2,12 @@
 
 import shlex
 import subprocess
-import sys
 
 import pytest
 
 import replay.cli
 from replay.cli.usage import example
+from tools.processes import REPLAY
 
 
 @pytest.mark.parametrize("command", [name for name in replay.cli.COMMANDS if name not in ("methods", "optimize")])
@@ -35,7 +35,7 @@ def test_a_folder_that_cannot_be_made_is_told_with_a_way_out(folder, capsys):
 
 
 def test_a_reader_that_goes_after_the_first_line_is_no_failure():
-    command = [sys.executable, "-c", "import sys; from replay.cli import main; sys.exit(main())", "methods"]
+    command = [*REPLAY, "methods"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     process.stdout.close()

@@ -1,5 +1,6 @@
 """Recordings served as one dataset: listed with their results, linked, arranged, on this machine alone."""
 
+import contextlib
 import json
 import os
 import pathlib
@@ -9,6 +10,7 @@ import signal
 import subprocess
 import sys
 import urllib.parse
+from collections.abc import Iterator
 
 import pytest
 from rerun.catalog import CatalogClient
@@ -16,6 +18,7 @@ from rerun.catalog import CatalogClient
 import replay.cli
 from replay.errors import ReplayError
 from replay.recording.dataset import served
+from tools.processes import REPLAY
 
 
 @pytest.fixture(scope="module")
@@ -65,10 +68,18 @@ def test_a_folder_in_which_no_recording_is_whole_is_refused(folder):
         pass
 
 
+@contextlib.contextmanager
+def serving(command: list[str]) -> Iterator[subprocess.Popen[str]]:
+    """A command that serves until it is told to end; it has ended when the block is left, whatever happens there."""
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
 def test_the_command_serves_until_ctrl_c_and_ends_at_once(folder):
-    command = [sys.executable, "-c", "import sys; from replay.cli import main; sys.exit(main())", "view", str(folder)]
-    process = subprocess.Popen([*command, "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
+    with serving([*REPLAY, "view", str(folder), "--json"]) as process:
         assert process.stdout is not None
         text = ""
         while not text.endswith("\n}\n"):
@@ -80,28 +91,18 @@ def test_the_command_serves_until_ctrl_c_and_ends_at_once(folder):
         assert len(CatalogClient(address).get_dataset(folder.name).segment_ids()) == 2
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=10)
-    finally:
-        process.kill()
     assert process.returncode == 130
     assert "Traceback" not in err
     assert len(document["recordings"]) == 2
 
 
 def test_every_recording_has_a_command_on_one_line_that_opens_it(folder):
-    program = "import sys; from replay.cli import main; sys.exit(main(['view', sys.argv[1]]))"
-    process = subprocess.Popen(
-        [sys.executable, "-c", program, str(folder)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    try:
+    with serving([*REPLAY, "view", str(folder)]) as process:
         assert process.stdout is not None
         lines = []
         while not lines or "the table of all" not in lines[-1]:
             lines.append(process.stdout.readline())
             assert lines[-1], process.communicate()[1]
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=10)
-    finally:
-        process.kill()
     commands = [shlex.split(line, comments=True) for line in lines if line.startswith("rerun ")]
     assert len(commands) == 3
     for _, url in commands[:-1]:

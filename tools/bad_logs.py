@@ -21,20 +21,20 @@ import pathlib
 import re
 import resource
 import subprocess
-import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
-from bad_logs_vehicle import vehicle_message, with_vehicle
+from tools.bad_logs_vehicle import vehicle_message, with_vehicle
+from tools.processes import REPLAY
+from tools.script import existing, from_one, run
 
 ADDRESS_SPACE = 6 << 30
 """Of one process [bytes]; loading the program alone takes some 2 GiB of addresses, little of it memory."""
 START_S = 8.0
 """Added to the time limit of a case [s]: starting Python on a busy machine."""
-_START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
 VEHICLE_LAYERS = ("payload", "scenario")
 """Layers of the manifest whose logs have a sound container and a vehicle that means something."""
 OWN_RULE = {
@@ -61,12 +61,16 @@ class Outcome:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=pathlib.Path)
+    parser.add_argument("folder", type=existing, metavar="FOLDER")
     parser.add_argument("--only", default="", help="cases whose name contains this")
-    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--jobs", type=from_one, default=2, help="processes (default: %(default)s)")
     arguments = parser.parse_args()
-    cases = json.loads((arguments.folder / "manifest.json").read_text())["cases"]
-    cases = [case for case in cases if arguments.only in case["name"]]
+    manifest = arguments.folder / "manifest.json"
+    if not manifest.is_file():
+        parser.error(f"{manifest} does not exist")
+    cases = [case for case in json.loads(manifest.read_text())["cases"] if arguments.only in case["name"]]
+    if not cases:
+        parser.error(f"no case of {manifest} has {arguments.only!r} in its name")
     with ThreadPoolExecutor(arguments.jobs) as pool:
         outcomes = list(pool.map(lambda case: check(arguments.folder, case), cases))
     for case, outcome in zip(cases, outcomes, strict=True):
@@ -89,7 +93,7 @@ def check(folder: pathlib.Path, case: dict[str, Any]) -> Outcome:
         log = _in_our_terms(folder / case["file"], case, pathlib.Path(own))
         started = time.monotonic()
         process = subprocess.Popen(
-            [sys.executable, "-c", _START, "info", "--json", str(log)],
+            [*REPLAY, "info", "--json", str(log)],
             stdin=subprocess.DEVNULL,
             stdout=out,
             stderr=err,
@@ -196,4 +200,4 @@ def _compare_own(case: dict[str, Any], status: int, log: dict[str, Any], read: i
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

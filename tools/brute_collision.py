@@ -11,7 +11,6 @@ clearance that the audit tells is never more than brute force finds; and it is a
 import argparse
 import dataclasses
 import math
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any
@@ -24,7 +23,9 @@ from optim.audit_data import read_path, read_vehicle
 from optim.audit_motion import excess, inflation
 from optim.path import Path, Segment, roll_out_segment
 from optim.vehicle import Vehicle, body_corners, roll_out
+from replay.kernels import drop_stale
 from replay.results import path_to_document
+from tools.script import from_one, run
 
 STEP = 1e-4
 """Between the poses of brute force [m]."""
@@ -62,10 +63,11 @@ class Compared:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", type=int, default=1000)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--scenes", type=from_one, default=1000, help="default: %(default)s")
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--jobs", type=from_one, default=1, help="processes (default: %(default)s)")
     arguments = parser.parse_args()
+    drop_stale()
     seeds = range(arguments.first, arguments.first + arguments.scenes)
     with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("fork")) as pool:
         found = list(pool.map(compare, seeds, chunksize=10))
@@ -184,4 +186,4 @@ def _distances(vehicle: Vehicle, states: Any, areas: Any) -> Any:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

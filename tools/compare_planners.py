@@ -34,12 +34,13 @@ from tools.corpus.build import task_of  # noqa: E402
 from tools.corpus.families import CLASSES, draw_site  # noqa: E402
 from tools.corpus.grid import draw_grid  # noqa: E402
 from tools.corpus.rrt import Search  # noqa: E402
-from tools.corpus.site import Grid, Site  # noqa: E402
+from tools.corpus.site import Site  # noqa: E402
 from tools.planners.closed_loop import ClosedLoopTree  # noqa: E402
 from tools.planners.exact_tree import ExactTree  # noqa: E402
 from tools.planners.hybrid import HybridAStar  # noqa: E402
 from tools.planners.lookup import lookup_table  # noqa: E402
 from tools.planners.protocol import Planner, Task  # noqa: E402
+from tools.script import from_one, run  # noqa: E402
 
 README = pathlib.Path(__file__).resolve().parent.parent / "recordings" / "README.md"
 BEGIN, END = "<!-- planners: begin -->", "<!-- planners: end -->"
@@ -54,10 +55,10 @@ Row = dict[str, Any]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sites", type=int, default=4, help="sites of each class (default: %(default)s)")
-    parser.add_argument("--seeds", type=int, default=3, help="seeds on each site (default: %(default)s)")
+    parser.add_argument("--sites", type=from_one, default=4, help="sites of each class (default: %(default)s)")
+    parser.add_argument("--seeds", type=from_one, default=3, help="seeds on each site (default: %(default)s)")
     parser.add_argument("--time-limit", type=float, default=10.0, help="of a search [s] (default: %(default)s)")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
+    parser.add_argument("--jobs", type=from_one, default=2, help="processes (default: %(default)s)")
     parser.add_argument("--print", action="store_true", help="print the table; leave the README as it is")
     options = parser.parse_args(arguments)
     drop_stale()
@@ -98,7 +99,7 @@ def first_free(kind: str, number: int) -> Site:
 
 def _task(key: tuple[str, int]) -> Task:
     site = first_free(*key)
-    return task_of(site, draw_grid(site, site.map) if isinstance(site.map, Grid) else None)
+    return task_of(site, draw_grid(site))
 
 
 def _measure(kind: str, number: int, seeds: int, time_limit: float) -> list[Row]:
@@ -162,4 +163,4 @@ def with_table(readme: str, text: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -13,7 +13,6 @@ import argparse
 import collections
 import io
 import pathlib
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -27,6 +26,7 @@ from replay.errors import LogError
 from replay.kernels import drop_stale
 from replay.logs import read_cases
 from replay.logs.container import scan
+from tools.script import existing, from_one, run
 
 FORMS = {
     "zstd": {"compression": CompressionType.ZSTD, "chunk_size": 200},
@@ -45,16 +45,14 @@ class Read(NamedTuple):
 
 
 Reader = Callable[[pathlib.Path], Read]
-_file: list[pathlib.Path] = []
-"""The scratch file of this process."""
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("logs", type=pathlib.Path, nargs="*", metavar="LOG")
-    parser.add_argument("--every", type=int, default=1)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("logs", type=existing, nargs="*", metavar="LOG")
+    parser.add_argument("--every", type=from_one, default=1, help="take each N-th bit or byte (default: all)")
+    parser.add_argument("--first", type=int, default=0, help="the first bit or byte (default: %(default)s)")
+    parser.add_argument("--jobs", type=from_one, default=1, help="processes (default: %(default)s)")
     arguments = parser.parse_args()
     drop_stale()
     logs = {log.name: log.read_bytes() for log in arguments.logs} or {name: small_log(name) for name in FORMS}
@@ -95,13 +93,14 @@ def small_log(form: str) -> bytes:
 
 
 def messages(path: pathlib.Path) -> Read:
-    """Every message of the container, as a multiset."""
+    """Every message of the container, in order."""
     try:
         log = scan(path, lambda _: True)
     except LogError:
         return Read(None, frozenset())
-    kinds = ((m.channel.topic, m.channel.schema.name if m.channel.schema else "") for m in log.messages)
-    found = [(*kind, m.log_time, m.data) for kind, m in zip(kinds, log.messages, strict=True)]
+    found = [
+        (m.channel.topic, m.channel.schema.name if m.channel.schema else "", m.log_time, m.data) for m in log.messages
+    ]
     return Read(found, frozenset(finding.code for finding in log.findings))
 
 
@@ -172,4 +171,4 @@ def judged(damage: str, read: Read, sound: Read) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

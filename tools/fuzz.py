@@ -32,7 +32,11 @@ from typing import Any
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-atheris: Any = importlib.import_module("atheris")
+try:
+    atheris: Any = importlib.import_module("atheris")
+except ModuleNotFoundError:
+    print(f"{__doc__}\nfuzz.py: error: atheris is not installed", file=sys.stderr)
+    sys.exit(2)
 with atheris.instrument_imports(include=["replay"]):
     from replay.confirm import audit_results
     from replay.errors import ReplayError

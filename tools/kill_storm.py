@@ -15,13 +15,14 @@ import pathlib
 import random
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 
 from replay.errors import ReplayError
 from replay.recording.writing import Unwritable, verify
 from replay.results import read_results
+from tools.processes import REPLAY, is_running
+from tools.script import existing, from_one, run
 
 PASSING = (".tmp", ".run")
 """Ends of the names of files that only last as long as a run."""
@@ -29,7 +30,8 @@ STARTING_S = 0.5
 """Before it has started, Python itself answers a signal, with another status and perhaps a traceback [s]."""
 WAIT_S = 10.0
 """Time that a run has to end in after it was told to [s]."""
-_START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
+NEVER = -1000
+"""In the place of the exit status of a run that did not end in that time."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -39,37 +41,39 @@ class Ended:
     seconds: float
     """From its start, or from the signal if there was one."""
     status: int
+    """Its exit status; -N if signal N ended it, `NEVER` if nothing did."""
     said: str
+    """On standard error."""
     left: tuple[int, ...] = ()
     """Processes of the run that go on."""
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("log", type=pathlib.Path)
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--signal", default="KILL", choices=["KILL", "TERM", "INT", "HUP"])
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("log", type=existing, metavar="LOG")
+    parser.add_argument("--kills", type=from_one, default=200, help="default: %(default)s")
+    parser.add_argument("--signal", default="KILL", choices=["KILL", "TERM", "INT", "HUP"], help="default: %(default)s")
+    parser.add_argument("--seed", type=int, default=0, help="of the random times (default: %(default)s)")
     arguments = parser.parse_args()
     rng, number = random.Random(arguments.seed), getattr(signal, f"SIG{arguments.signal}")
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
-        run(arguments.log, folder)  # compiles, if need be
-        whole = min(run(arguments.log, folder).seconds for _ in range(2))
+        optimise(arguments.log, folder)  # compiles, if need be
+        whole = min(optimise(arguments.log, folder).seconds for _ in range(2))
         wrong, unfinished, statuses, slowest = [], 0, collections.Counter[int](), 0.0
         for count in range(arguments.kills):
             for file in folder.iterdir():
                 if file.suffix not in PASSING:
                     file.unlink()
             after = rng.uniform(0.1, 1.1) * whole
-            ended = run(arguments.log, folder, number, after)
+            ended = optimise(arguments.log, folder, number, after)
             left = [file.name for file in folder.iterdir() if file.suffix in PASSING]
             unfinished += bool(left)
             statuses[ended.status] += 1
             slowest = max(slowest, ended.seconds)
             words = [*torn_files(folder), *misbehaviour(ended, number, after, left, folder)]
             wrong += [f"{arguments.signal} {count} after {after:.2f} s: {each}" for each in words]
-        run(arguments.log, folder)
+        optimise(arguments.log, folder)
         remaining = sorted(file.name for file in folder.iterdir())
     print("\n".join(wrong) or "nothing torn, nothing wrong")
     print(f"{arguments.kills} times SIG{arguments.signal} within {1.1 * whole:.1f} s; ended within {slowest:.2f} s")
@@ -79,12 +83,12 @@ def main() -> int:
     return int(bool(wrong) or any(name.endswith(PASSING) for name in remaining))
 
 
-def run(log: pathlib.Path, folder: pathlib.Path, number: int = 0, after: float | None = None) -> Ended:
+def optimise(log: pathlib.Path, folder: pathlib.Path, number: int = 0, after: float | None = None) -> Ended:
     """One run with the quickest method; it gets signal `number` after some seconds, if given."""
     arguments = ["optimize", str(log), "--method", "ddp", "--out", str(folder), "--quiet"]
     started = time.monotonic()
     with tempfile.TemporaryFile() as said:
-        process = subprocess.Popen([sys.executable, "-c", _START, *arguments], stdout=subprocess.DEVNULL, stderr=said)
+        process = subprocess.Popen([*REPLAY, *arguments], stdout=subprocess.DEVNULL, stderr=said)
         try:
             status = process.wait(after)
         except subprocess.TimeoutExpired:
@@ -107,10 +111,11 @@ def _ended(process: subprocess.Popen[bytes]) -> int:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-        return -1000
+        return NEVER
 
 
 def children_of(pid: int) -> list[int]:
+    """The processes that a process has started and that are still there; none where it is gone itself."""
     try:
         return [int(word) for word in pathlib.Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
     except OSError:
@@ -120,24 +125,17 @@ def children_of(pid: int) -> list[int]:
 def still_running(pids: list[int]) -> tuple[int, ...]:
     """Those that run on for more than a second; a zombie does not."""
     deadline = time.monotonic() + 1.0
-    while found := tuple(pid for pid in pids if _runs(pid)):
+    while found := tuple(pid for pid in pids if is_running(pid)):
         if time.monotonic() > deadline:
             return found
         time.sleep(0.01)
     return ()
 
 
-def _runs(pid: int) -> bool:
-    try:
-        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
-
-
 def misbehaviour(ended: Ended, number: int, after: float, left: list[str], folder: pathlib.Path) -> list[str]:
-    """What is wrong with how a run ended."""
+    """What is wrong with how a run ended that got a signal after so many seconds, and left these temporary files."""
     wrong = [f"process {pid} goes on" for pid in ended.left]
-    if ended.status == -1000:
+    if ended.status == NEVER:
         wrong.append(f"goes on {WAIT_S:g} s after it was told to end")
     if ended.status == 0 and len([file for file in folder.iterdir() if file.suffix not in PASSING]) < 2:
         wrong.append("exit status 0 without both files")
@@ -165,4 +163,4 @@ def torn_files(folder: pathlib.Path) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -8,7 +8,6 @@ python tools/make_corpus.py --check          make them in memory and compare wit
 
 import argparse
 import hashlib
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -17,6 +16,7 @@ from pathlib import Path
 
 from replay.kernels import drop_stale
 from tools.corpus.catalogue import FULL, SITES, Made, difference, make, read_list, write_list
+from tools.script import from_one, run
 
 FOLDER = Path(__file__).resolve().parent.parent / "recordings"
 
@@ -62,13 +62,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--set", choices=("sample", "full"), help="one of the two sets (default: both)")
     parser.add_argument("--check", action="store_true", help="write nothing; compare")
     parser.add_argument("--folder", type=Path, default=FOLDER, help="where the logs are (default: %(default)s)")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
+    parser.add_argument("--jobs", type=from_one, default=2, help="processes (default: %(default)s)")
     return parser
 
 
 def _make_all(names: Sequence[str], jobs: int) -> Iterator[Made]:
     """The logs in the order of their names, made in several processes; each depends on its own seed only."""
-    if jobs <= 1 or len(names) == 1:
+    if jobs == 1 or len(names) == 1:
         yield from map(make, names)
         return
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
@@ -86,4 +86,4 @@ def _file_problem(folder: Path, made: Made) -> str | None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

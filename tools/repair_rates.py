@@ -10,7 +10,6 @@ and from the poses of the log [cm, RMS]. The last column counts the errors by th
 
 import argparse
 import collections
-import contextlib
 import dataclasses
 import importlib
 import pathlib
@@ -32,8 +31,10 @@ from optim.path import Path, sample_segment  # noqa: E402
 from optim.vehicle import Vehicle  # noqa: E402
 from replay.case import Case  # noqa: E402
 from replay.errors import LogError  # noqa: E402
+from replay.kernels import drop_stale  # noqa: E402
 from replay.logs import ReadOptions, read_cases  # noqa: E402
 from replay.results import path_to_document, scene_to_document  # noqa: E402
+from tools.script import existing, from_one, run  # noqa: E402
 
 make: Any = importlib.import_module("logs_maker")
 
@@ -58,11 +59,11 @@ class Distortion:
     repeated: int = 0
     """Each pose is there so many times more, with its noise."""
     dropped: float = 0.0
-    """Length of the stretch in the middle that has no poses [m]."""
+    """Length of the stretch that has no poses, round the place a third of the way along [m]."""
     jump: float = 0.0
-    """From the middle on, poses are moved sideways by so much [m]."""
+    """From that place on, poses are moved sideways by so much [m]."""
     outlier: float = 0.0
-    """One pose in the middle is moved sideways by so much [m]."""
+    """The pose nearest to that place is moved sideways by so much [m]."""
     has_headings: bool = True
     has_trailer: bool = False
 
@@ -111,11 +112,14 @@ class Outcome(NamedTuple):
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("logs", nargs="+", type=pathlib.Path)
+    parser.add_argument("logs", nargs="+", type=existing, metavar="LOG")
     parser.add_argument("--only", default="", help="rows whose name holds this text")
-    parser.add_argument("--seeds", type=int, default=1, help="distorted logs for each log and row")
+    parser.add_argument(
+        "--seeds", type=from_one, default=1, help="distorted logs for each log and row (default: %(default)s)"
+    )
     parser.add_argument("--verbose", action="store_true", help="say what was wrong with each")
     given = parser.parse_args()
+    drop_stale()
     cases = [(log, read_cases(log)[0]) for log in given.logs]
     heads = f"{'distortion':<30}{'logs':>5}{'read':>5}{'gears':>6}{'sound':>6}{'max':>7}{'worst':>7}{'rms':>6}"
     print(heads + f"{'hitch':>7}{'poses':>7}{'ms':>7}  errors")
@@ -131,11 +135,13 @@ def main() -> int:
                 if given.verbose and outcomes[-1].text:
                     print(f"    {log.stem}, seed {seed}: {outcomes[-1].text}")
         spent = 1000.0 * (time.process_time() - began) / len(outcomes)
-        print(f"{distortion.name:<30}{_row(outcomes)[0]}{spent:>7.0f}  {_row(outcomes)[1]}", flush=True)
+        figures, errors = _row(outcomes)
+        print(f"{distortion.name:<30}{figures}{spent:>7.0f}  {errors}", flush=True)
     return 0
 
 
 def _row(outcomes: list[Outcome]) -> tuple[str, str]:
+    """The row's figures but its time, and its errors by their codes."""
     read = [outcome for outcome in outcomes if not outcome.code]
     counts = f"{len(outcomes):>5}{len(read):>5}{sum(o.gears for o in read):>6}{sum(o.sound for o in read):>6}"
     errors = collections.Counter(outcome.code for outcome in outcomes if outcome.code)
@@ -157,7 +163,8 @@ def _outcome(log: pathlib.Path, case: Case, distortion: Distortion, rng: np.rand
         if trailer is not None:
             maker.add("/trailer", make.path(trailer), AFTER_ALL_S)
         maker.write(file)
-        options = ReadOptions(initial_hitch=float(truth.start[3]), start_direction=_first_gear(truth))
+        gear = 1 if truth.segments[0].direction > 0 else -1
+        options = ReadOptions(initial_hitch=float(truth.start[3]), start_direction=gear)
         try:
             (found,) = read_cases(file, options)
         except LogError as error:
@@ -187,10 +194,6 @@ def _dense(path: Path) -> Array:
     samples = path.samples
     s = np.arange(0.0, samples.s[-1], 0.005)
     return np.stack([np.interp(s, samples.s, samples.states[:, column]) for column in (0, 1)], axis=1)
-
-
-def _first_gear(path: Path) -> Any:
-    return path.segments[0].direction
 
 
 def _sampled(vehicle: Vehicle, path: Path, distortion: Distortion) -> Array:
@@ -223,8 +226,8 @@ def _distorted(
     """Poses (x, y, heading) of the truck and, if asked for, of the trailer's axle, as the log has them."""
     states = np.repeat(states, 1 + distortion.repeated, axis=0)
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(states[:, :2], axis=0).T))])
-    middle = s[-1] / 3.0
-    gap = np.abs(s - middle) < distortion.dropped / 2.0
+    place = s[-1] / 3.0
+    gap = np.abs(s - place) < distortion.dropped / 2.0
     states, s = states[~gap], s[~gap]
     heading = states[:, 2] + states[:, 3]
     axle = states[:, :2] - vehicle.hitch_to_axle * np.stack([np.cos(heading), np.sin(heading)], axis=1)
@@ -232,8 +235,8 @@ def _distorted(
     truck, trailer = (
         poses + rng.normal(0.0, 1.0, poses.shape) * sigma for poses in (states[:, :3], np.column_stack([axle, heading]))
     )
-    moved = (s >= middle) * distortion.jump
-    moved[int(np.argmin(np.abs(s - middle)))] += distortion.outlier
+    moved = (s >= place) * distortion.jump
+    moved[int(np.argmin(np.abs(s - place)))] += distortion.outlier
     truck[:, 0] -= moved * np.sin(states[:, 2])
     truck[:, 1] += moved * np.cos(states[:, 2])
     if not distortion.has_headings:
@@ -244,7 +247,7 @@ def _distorted(
 def _copy_without_paths(log: pathlib.Path) -> Any:
     """A log with all but the paths and the planner's nodes of another."""
     maker = make.LogMaker()
-    with contextlib.closing(log.open("rb")) as stream:
+    with log.open("rb") as stream:
         reader = make_reader(stream)
         for schema, channel, message in reader.iter_messages():
             if schema is not None and schema.name != make.PATH:
@@ -262,4 +265,4 @@ def _copy_without_paths(log: pathlib.Path) -> Any:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

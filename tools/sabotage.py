@@ -18,6 +18,7 @@ from multiprocessing import get_context
 
 from optim.audit import ALL
 from optim.methods import METHODS
+from optim.methods.chain import named
 from optim.path import Path
 from optim.problem import Problem
 from replay.errors import LogError
@@ -26,6 +27,7 @@ from replay.logs import read_cases
 from replay.run import run_case
 from tools.saboteur.claims import KINDS, Claim, claim_of
 from tools.saboteur.trial import Outcome, report_of, trial
+from tools.script import existing, from_one, method_name, run
 
 ROOM = 0.02
 """Least swept clearance of the paths to be spoiled [m]: small damage shall not be seen by a collision."""
@@ -34,21 +36,24 @@ _sound: list[Claim] = []
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("logs", type=pathlib.Path, nargs="+", metavar="LOG")
-    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("logs", type=existing, nargs="+", metavar="LOG")
+    parser.add_argument("--seeds", type=from_one, default=100, help="for each kind (default: %(default)s)")
     parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--methods", default="shortcut,ddp", help="whose results are spoiled too")
+    parser.add_argument("--methods", type=_methods, default="shortcut,ddp", help="whose results are spoiled too")
     parser.add_argument("--only", default="", help="kinds whose name contains this")
-    parser.add_argument("--part", default="1/1", help="K/N: of N parts of the kinds, the K-th")
-    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--part", type=_part, default="1/1", help="K/N: of N parts of the kinds, the K-th")
+    parser.add_argument("--jobs", type=from_one, default=1, help="processes (default: %(default)s)")
     arguments = parser.parse_args()
+    part, parts = arguments.part
+    kinds = [number for number, kind in enumerate(KINDS) if arguments.only in kind.name][part - 1 :: parts]
+    if not kinds:
+        parser.error(f"no kind has {arguments.only!r} in its name, or none is in part {part} of {parts}")
     drop_stale()
     started = time.monotonic()
-    names = [name for name in arguments.methods.split(",") if name]
-    sound = [claim for log in arguments.logs for claim in sound_claims(log, names)]
+    sound = [claim for log in arguments.logs for claim in sound_claims(log, arguments.methods)]
     print(f"{len(sound)} sound paths of {len(arguments.logs)} logs; {time.monotonic() - started:.0f} s", flush=True)
-    part, parts = map(int, arguments.part.split("/"))
-    kinds = [number for number, kind in enumerate(KINDS) if arguments.only in kind.name][part - 1 :: parts]
+    if not sound:
+        parser.error("none of the logs holds a sound path that could be spoiled")
     _sound.extend(sound)  # inherited by the processes that are forked
     wrong = 0
     print(f"{'kind':52} {'check':11} {'rejected':>9} {'by it':>6} {'passes without':>15}")
@@ -61,15 +66,27 @@ def main() -> int:
     return int(wrong > 0)
 
 
+def _methods(text: str) -> list[str]:
+    return [method_name(name) for name in text.split(",") if name]
+
+
+def _part(text: str) -> tuple[int, int]:
+    part, _, parts = text.partition("/")
+    if not (part.isdigit() and parts.isdigit() and 1 <= int(part) <= int(parts)):
+        raise argparse.ArgumentTypeError(f"{text!r} is not K/N with whole numbers, K from 1 to N")
+    return int(part), int(parts)
+
+
 def sound_claims(log: pathlib.Path, methods: list[str]) -> list[Claim]:
-    """The claims of a log that the audit accepts with some room."""
+    """The claims of a log that the audit accepts with some room; none of a log that is refused, which is said."""
     try:
         cases = read_cases(log)
-    except LogError:
+    except LogError as error:
+        print(f"left out: {error}", file=sys.stderr)
         return []
     found = []
     for case in cases:
-        run = run_case(case, {name: METHODS[name] for name in methods})
+        run = run_case(case, {name: named(name, METHODS) for name in methods})
         paths: list[Path] = [case.problem.recorded]
         paths += [method.path for method in run.methods if method.status == "improved"]
         found += [claim for path in paths if _is_sound(claim := _claim(case.problem, path))]
@@ -105,4 +122,4 @@ def _row(number: int, found: list[Outcome]) -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -28,6 +28,8 @@ import rerun_cli
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from tools.script import existing, run
+
 _Answer = TypeVar("_Answer")
 _TRIES = 5
 TOASTS_S = 8.0  # the notices about software rendering cover a corner for so long
@@ -53,7 +55,8 @@ def viewer(size: str, theme: str | None = None) -> Iterator[ViewerClient]:
         environment = {"XDG_RUNTIME_DIR": scratch, **os.environ, **screen}
         if theme:
             environment |= settings(program, pathlib.Path(scratch), screen, theme)
-        with free_port() as port, (pathlib.Path(scratch) / "log").open("w+b") as log:
+        port = free_port()
+        with (pathlib.Path(scratch) / "log").open("w+b") as log:
             command = [str(program), "--bind", "127.0.0.1", "--port", str(port), "--window-size", size]
             command += ["--hide-welcome-screen", *([] if theme else ["--headless"])]
             process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, env=environment)
@@ -98,7 +101,8 @@ def display(size: str | None) -> Iterator[dict[str, str]]:
 def settings(program: pathlib.Path, folder: pathlib.Path, screen: dict[str, str], theme: str) -> dict[str, str]:
     """The environment in which the viewer finds a theme: among the settings that it has written itself."""
     environment = {"XDG_RUNTIME_DIR": str(folder), "XDG_DATA_HOME": str(folder), "XDG_CONFIG_HOME": str(folder)}
-    with free_port() as port, (folder / "first log").open("wb") as log:
+    port = free_port()
+    with (folder / "first log").open("wb") as log:
         command = [str(program), "--bind", "127.0.0.1", "--port", str(port)]
         process = subprocess.Popen(
             command, stdout=log, stderr=subprocess.STDOUT, env={**os.environ, **environment, **screen}
@@ -116,16 +120,14 @@ def settings(program: pathlib.Path, folder: pathlib.Path, screen: dict[str, str]
     return environment
 
 
-@contextlib.contextmanager
-def free_port() -> Iterator[int]:
-    """A port of the loopback interface that nobody uses."""
+def free_port() -> int:
+    """A port of the loopback interface that nobody uses now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    yield port
+        return probe.getsockname()[1]
 
 
-def end(process: "subprocess.Popen[bytes]") -> None:
+def end(process: subprocess.Popen[bytes]) -> None:
     """End a process that was started here."""
     process.terminate()
     try:
@@ -135,7 +137,7 @@ def end(process: "subprocess.Popen[bytes]") -> None:
         process.wait(10)
 
 
-def connected(process: "subprocess.Popen[bytes]", port: int) -> ViewerClient:
+def connected(process: subprocess.Popen[bytes], port: int) -> ViewerClient:
     """A client of the viewer once that answers; ConnectionError if it does not."""
     for _ in range(150):
         if process.poll() is not None:
@@ -243,14 +245,22 @@ def complaints(client: ViewerClient) -> list[str]:
     return found
 
 
+def _size(text: str) -> str:
+    if not re.fullmatch(r"[1-9]\d*x[1-9]\d*", text, re.ASCII):
+        raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT, as in 1920x1080")
+    return text
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("recording", type=pathlib.Path)
-    parser.add_argument("out", type=pathlib.Path)
-    parser.add_argument("--size", default="1920x1080", help="of the window, in pixels")
+    parser.add_argument("recording", type=existing, metavar="REC")
+    parser.add_argument("out", type=pathlib.Path, metavar="OUTDIR")
+    parser.add_argument(
+        "--size", type=_size, default="1920x1080", help="of the window, in pixels (default: %(default)s)"
+    )
     parser.add_argument("--tab", action="append", help="only this one; may be repeated")
     parser.add_argument("--theme", choices=["light", "dark"], help="of the viewer; default: dark, without a window")
-    parser.add_argument("--timeline", default="progress")
+    parser.add_argument("--timeline", default="progress", help="default: %(default)s")
     parser.add_argument("--at", type=int, help="place of the cursor on the timeline; default: its start")
     parser.add_argument(
         "--check",
@@ -261,8 +271,6 @@ def main() -> int:
         help=f"fail where less of a view than this stands out from its background ({LEAST_SHOWN})",
     )
     arguments = parser.parse_args()
-    if not arguments.recording.is_file():
-        parser.error(f"{arguments.recording} is no file")
     arguments.out.mkdir(parents=True, exist_ok=True)
     found: list[str] = []
     with viewer(arguments.size, arguments.theme) as client:
@@ -288,4 +296,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

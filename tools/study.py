@@ -41,9 +41,11 @@ from replay.kernels import drop_stale  # noqa: E402
 from replay.logs import read_cases  # noqa: E402
 from replay.run import run_case  # noqa: E402
 from replay.worker import Limits, Workers  # noqa: E402
-from tools.corpus.catalogue import FULL, SITES, read_list  # noqa: E402
+from tools.corpus.catalogue import FULL, SITES, Entry, read_list  # noqa: E402
+from tools.script import existing, from_one, method_name, run  # noqa: E402
 from tools.study_descriptions import obstacles_report  # noqa: E402
 from tools.study_report import report  # noqa: E402
+from tools.study_rows import Row  # noqa: E402
 from tools.study_scenes import DESCRIPTIONS, Described  # noqa: E402
 
 RECORDINGS = pathlib.Path(__file__).resolve().parent.parent / "recordings"
@@ -51,7 +53,6 @@ CHAINS = ("shortcut+scp", "ddp+scp", "ddp+nlp", "shortcut+nlp")
 DESCRIBED = ("shortcut", "ddp", "scp")
 """Methods that are also shown scarcer descriptions of the obstacles; `cpo` has its own, and `nlp`, which takes up to a
 hundred times as long as `ddp`, solves the problem that `scp` does."""
-Row = dict[str, Any]
 Document = dict[str, Any]
 
 
@@ -71,23 +72,28 @@ def variants(part: str, shown_to: Sequence[str] = DESCRIBED) -> dict[str, Method
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--part", choices=("methods", "obstacles"), default="methods", help="default: %(default)s")
-    parser.add_argument("--methods", default=",".join(DESCRIBED), help="of part obstacles (default: %(default)s)")
-    parser.add_argument("--classes", default="", help="of logs, joined by commas (default: all)")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
+    parser.add_argument(
+        "--methods", type=_methods, default=",".join(DESCRIBED), help="of part obstacles (default: %(default)s)"
+    )
+    parser.add_argument("--classes", type=_words, default="", help="of logs, joined by commas (default: all)")
+    parser.add_argument("--jobs", type=from_one, default=2, help="processes (default: %(default)s)")
     parser.add_argument(
         "--time-limit", type=float, default=60.0, help="of a method on a log [s] (default: %(default)s)"
     )
     parser.add_argument("--only", default="", help="logs whose name contains this")
     parser.add_argument("--budget", type=float, default=math.inf, help="begin no log after so many seconds")
     parser.add_argument("--rows", type=pathlib.Path, help="keep the measured rows in this file")
-    parser.add_argument("--from-rows", type=pathlib.Path, help="take the rows from this file")
+    parser.add_argument("--from-rows", type=existing, help="take the rows from this file")
     options = parser.parse_args()
     if options.from_rows:
         document = json.loads(options.from_rows.read_text())
     else:
+        logs = _logs(options.classes, options.only)
+        if not logs:
+            parser.error("no log is of these classes and has this text in its name")
         drop_stale()
         document = _begun(options)
-        missing = measure(document, options)
+        missing = measure(document, logs, options)
         if missing:
             print(f"{missing} logs are still to be measured", file=sys.stderr)
             return 0
@@ -98,6 +104,15 @@ def main() -> int:
     (RECORDINGS / "STUDY.md").write_text(text, encoding="utf-8")
     (RECORDINGS / "study_profiles.svg").write_text(figure, encoding="utf-8")
     return 0
+
+
+def _methods(text: str) -> list[str]:
+    return [method_name(word) for word in _words(text)]
+
+
+def _words(text: str) -> list[str]:
+    """The words of an argument that are joined by commas."""
+    return [word for word in text.split(",") if word]
 
 
 def _begun(options: argparse.Namespace) -> Document:
@@ -112,25 +127,22 @@ def _begun(options: argparse.Namespace) -> Document:
     return document
 
 
-def measure(document: Document, options: argparse.Namespace) -> int:
+def measure(document: Document, logs: dict[str, tuple[pathlib.Path, Entry]], options: argparse.Namespace) -> int:
     """Add rows for each log and variant, log by log; how many logs are left when the budget is spent."""
-    listed = read_list(RECORDINGS) | read_list(RECORDINGS / "full")
     done = {row["log"] for row in document["rows"]}
-    kinds = options.classes.split(",") if options.classes else {entry["class"] for entry in listed.values()}
-    chosen = [pair for pair in _logs() if options.only in pair[0] and listed[pair[0]]["class"] in kinds]
-    waiting = [pair for pair in chosen if pair[0] not in done][::-1]
-    variants_asked = variants(options.part, options.methods.split(","))
+    waiting = [name for name in logs if name not in done][::-1]
+    asked = variants(options.part, options.methods)
     begun, running = time.monotonic(), {}
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
         while waiting or running:
             while waiting and len(running) < options.jobs and time.monotonic() - begun < options.budget:
-                name, path = waiting.pop()
-                running[pool.submit(_measure, name, path, variants_asked, options.time_limit)] = name
+                name = waiting.pop()
+                running[pool.submit(_measure, name, logs[name][0], asked, options.time_limit)] = name
             if not running:
                 break
             for task in wait(running, return_when=FIRST_COMPLETED).done:
                 name = running.pop(task)
-                entry = {key: listed[name][key] for key in ("class", "map")}
+                entry = {key: logs[name][1][key] for key in ("class", "map")}
                 document["rows"] += [row | entry for row in task.result()]
                 print(f"{name} {time.monotonic() - begun:.0f} s, {len(waiting)} wait", file=sys.stderr, flush=True)
                 if options.rows:
@@ -139,11 +151,18 @@ def measure(document: Document, options: argparse.Namespace) -> int:
     return len(waiting)
 
 
-def _logs() -> list[tuple[str, pathlib.Path]]:
-    """All logs but the odd ones, a few of each class before more of any."""
-    logs = [(name, RECORDINGS / f"{name}.mcap") for name in SITES]
-    logs += [(name, RECORDINGS / "full" / f"{name}.mcap") for name in FULL if not name.startswith("odd_")]
-    return sorted(logs, key=lambda pair: (pair[0].rpartition("_")[2], pair[0]))
+def _logs(classes: Sequence[str], only: str) -> dict[str, tuple[pathlib.Path, Entry]]:
+    """Logs and their entries by name, of all classes if none is asked for; a few of each class before more of any.
+
+    The odd ones are none of them.
+    """
+    found = {}
+    for folder, names in ((RECORDINGS, SITES), (RECORDINGS / "full", FULL)):
+        listed = read_list(folder)
+        for name in names:
+            if not name.startswith("odd_") and only in name and (not classes or listed[name]["class"] in classes):
+                found[name] = folder / f"{name}.mcap", listed[name]
+    return dict(sorted(found.items(), key=lambda item: (item[0].rpartition("_")[2], item[0])))
 
 
 def _measure(name: str, path: pathlib.Path, methods: dict[str, Method], time_limit: float) -> list[Row]:
@@ -182,11 +201,11 @@ def _head(options: argparse.Namespace) -> dict[str, Any]:
         "machine": f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}",
         "versions": modules,
         "part": options.part,
-        "methods": options.methods,
+        "methods": ",".join(options.methods),
         "jobs": options.jobs,
         "time_limit": options.time_limit,
     }
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -1,7 +1,6 @@
 """The text and the plot of the study, from its rows."""
 
 import io
-import math
 from typing import Any
 
 import matplotlib
@@ -21,17 +20,15 @@ def report(document: dict[str, Any]) -> tuple[str, str]:
 
 def _head(rows: Rows, head: dict[str, Any]) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in head["versions"].items())
-    feasible = sum(rows.by[log, "recorded"]["feasible"] for log in rows.logs)
     sound = [log for log in rows.logs if rows.by[log, "recorded"]["feasible"]]
-    some = sum(any(rows.by[log, method]["status"] == "improved" for method in METHODS) for log in sound)
-    all_some = sum(any(rows.by[log, method]["status"] == "improved" for method in METHODS) for log in rows.logs)
     missed = [log for log in rows.logs if not any(rows.by[log, m]["status"] == "improved" for m in METHODS)]
+    some, all_some = len(set(sound) - set(missed)), len(rows.logs) - len(missed)
     return f"""# What the methods make of the corpus
 
 Written by `tools/study.py`; every figure is of one run, at commit {head["commit"]}, on {head["machine"]},
 {versions};
 {head["jobs"]} logs at a time, each method on one thread and at most {head["time_limit"]:g} s.
-{len(rows.logs)} logs, {feasible} with a recorded path that is feasible by the audit, {len(rows.unreadable)} unread.
+{len(rows.logs)} logs, {len(sound)} with a recorded path that is feasible by the audit, {len(rows.unreadable)} unread.
 
 **At least one of the five methods, which are what runs by default, ends `improved` (a lower J, and the audit passed) on
 {some} of the {len(sound)} logs whose recorded path is feasible: {100.0 * some / len(sound):.1f} %, where 98 % are asked
@@ -132,27 +129,20 @@ Verdict: **{verdict}.**"""
 
 def _trailer_length(rows: Rows) -> str:
     name = "shortcut by trailer length"
-    worse = [
-        log
-        for log in rows.logs
-        if rows.value(log, name, "max_abs_kappa") > 1.01 * rows.value(log, "recorded", "max_abs_kappa")
-    ]
-    plain = [
-        log
-        for log in rows.logs
-        if rows.value(log, "shortcut", "max_abs_kappa") > 1.01 * rows.value(log, "recorded", "max_abs_kappa")
-    ]
-    variation = [
-        log
-        for log in rows.logs
-        if rows.value(log, name, "steering_variation") > rows.value(log, "recorded", "steering_variation")
-    ]
+    worse = _num_above(rows, name, "max_abs_kappa", 1.01)
+    plain = _num_above(rows, "shortcut", "max_abs_kappa", 1.01)
+    variation = _num_above(rows, name, "steering_variation", 1.0)
     return f"""### (c) Shortcut's cost on trailer length alone can worsen the curvature
 
-With trailer length as cost the largest curvature of the trailer's path grows on {len(worse)} of {len(rows.logs)} logs
-(with J as cost on {len(plain)}), and the steering varies more than the recorded path's on {len(variation)}. J falls to
+With trailer length as cost the largest curvature of the trailer's path grows on {worse} of {len(rows.logs)} logs
+(with J as cost on {plain}), and the steering varies more than the recorded path's on {variation}. J falls to
 {rows.ratio(rows.logs, name):.3f} of the recorded J, against {rows.ratio(rows.logs, "shortcut"):.3f} with J as cost.
 Verdict: **{"supported" if worse else "not supported"}.** A result counts only where it lowers J."""
+
+
+def _num_above(rows: Rows, method: str, key: str, times: float) -> int:
+    """Logs on which a metric after a method is more than so many times that of the recorded path."""
+    return sum(rows.value(log, method, key) > times * rows.value(log, "recorded", key) for log in rows.logs)
 
 
 def _cusps(rows: Rows) -> str:
@@ -164,7 +154,7 @@ def _cusps(rows: Rows) -> str:
 The number of gear changes after `cpo` differs from the recorded one on {len(moved)} of {len(rows.logs)} logs. `ddp`,
 which moves them and leaves needless ones out, ends with fewer on {len(fewer)}. Where it keeps their number
 ({len(same)} logs) J of `cpo` is {rows.ratio(same, "cpo", "ddp"):.3f} times that of `ddp`; where it has fewer,
-{rows.ratio(fewer, "cpo", "ddp") if fewer else math.nan:.3f} times.
+{rows.ratio(fewer, "cpo", "ddp"):.3f} times.
 Verdict: **{"not supported" if moved else "supported, and the cost is of that size"}.**"""
 
 

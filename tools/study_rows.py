@@ -19,23 +19,25 @@ class Rows:
         self.logs = sorted({log for log, _ in self.by})
         self.classes = sorted({row["class"] for row in self.by.values()})
 
-    def of(self, kind: str | None = None) -> list[str]:
-        """Logs of a class; all logs without one."""
-        return [log for log in self.logs if kind in (None, self.by[log, "recorded"]["class"])]
+    def of(self, kind: str) -> list[str]:
+        """Logs of a class."""
+        return [log for log in self.logs if self.by[log, "recorded"]["class"] == kind]
 
     def value(self, log: str, method: str, key: str = "objective") -> float:
         """A metric of the path that a method ends with, which is the recorded one unless it improved."""
         return float(self.by[log, method]["metrics"][key])
 
     def ratio(self, logs: Iterable[str], method: str, before: str = "recorded", key: str = "objective") -> float:
-        """Geometric mean over logs of a metric over that of another method."""
+        """Geometric mean over logs of a metric over that of another method; nan without logs."""
         ratios = [self.value(log, method, key) / self.value(log, before, key) for log in logs]
-        return math.exp(float(np.mean(np.log(ratios))))
+        return math.exp(float(np.mean(np.log(ratios)))) if ratios else math.nan
 
     def improved(self, logs: Iterable[str], method: str) -> int:
+        """Number of logs on which a method ends `improved`."""
         return sum(self.by[log, method]["status"] == "improved" for log in logs)
 
     def median(self, logs: Iterable[str], method: str, key: str) -> float:
+        """Median over logs of what a method's rows hold under a key, such as `wall_s`."""
         return float(np.median([self.by[log, method][key] for log in logs]))
 
 

@@ -8,11 +8,13 @@ Without logs, the scenes are yards with parked trucks, walls and debris, and pos
 """
 
 import argparse
+import functools
 import json
 import os
 import pathlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import shapely
@@ -20,6 +22,8 @@ import shapely
 from optim.scene import Scene, clearance, collides, first_violation, make_scene, swept_clearance
 from optim.vehicle import Vehicle, body_corners, roll_out
 from replay.kernels import drop_stale
+from tools.bench.timing import least
+from tools.script import existing, run
 
 NUM_POSES = 20_000
 SPACING = 0.1  # [m] between poses of a drive
@@ -59,17 +63,7 @@ def drives(vehicle: Vehicle, scene: Scene, seed: int) -> list[tuple[np.ndarray, 
     return found
 
 
-def best_time(work: Callable[[], object], rounds: int = 5) -> float:
-    """The shortest of a few runs [s]."""
-    times = []
-    for _ in range(rounds):
-        begin = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - begin)
-    return min(times)
-
-
-def measure(name: str, vehicle: Vehicle, scene: Scene, paths: list[tuple[np.ndarray, np.ndarray]]) -> dict:
+def measure(name: str, vehicle: Vehicle, scene: Scene, paths: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]:
     """One row of the table."""
     states = np.concatenate([path for _, path in paths])
     pairs = len(states) * 2 * len(scene.polygons)
@@ -92,15 +86,16 @@ def measure(name: str, vehicle: Vehicle, scene: Scene, paths: list[tuple[np.ndar
     for s, path in paths[:1]:
         swept_clearance(scene, vehicle, s, path)
         first_violation(scene, vehicle, s, path, margin)
+    wall = functools.partial(least, clock=time.perf_counter)
     differ = int((ours != by_tree()).sum())
-    own = best_time(lambda: collides(scene, vehicle, states))
-    peer = best_time(by_tree, 2)
-    prepared = best_time(by_prepared, 1) if pairs < 2e7 else float("nan")
-    exact = best_time(lambda: clearance(scene, vehicle, states), 2)
-    swept = best_time(lambda: [swept_clearance(scene, vehicle, s, path) for s, path in paths], 2)
-    checked = best_time(lambda: [first_violation(scene, vehicle, s, path, margin) for s, path in paths], 2)
+    own = wall(lambda: collides(scene, vehicle, states), 5)
+    peer = wall(by_tree, 2)
+    prepared = wall(by_prepared, 1) if pairs < 2e7 else float("nan")
+    exact = wall(lambda: clearance(scene, vehicle, states), 2)
+    swept = wall(lambda: [swept_clearance(scene, vehicle, s, path) for s, path in paths], 2)
+    checked = wall(lambda: [first_violation(scene, vehicle, s, path, margin) for s, path in paths], 2)
     free = [path for path in paths if first_violation(scene, vehicle, *path, margin) < 0]
-    checked_free = best_time(lambda: [first_violation(scene, vehicle, *path, margin) for path in free], 2)
+    checked_free = wall(lambda: [first_violation(scene, vehicle, *path, margin) for path in free], 2)
     return {
         "scene": name,
         "obstacles": len(scene.polygons),
@@ -138,8 +133,8 @@ def cases(logs: list[pathlib.Path]) -> Iterator[tuple[str, Vehicle, Scene, list[
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("logs", nargs="*", type=pathlib.Path)
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("logs", nargs="*", type=existing, metavar="LOG", help="default: yards made here")
+    parser.add_argument("--json", action="store_true", help="print the rows as JSON")
     options = parser.parse_args()
     drop_stale()
     if hasattr(os, "sched_setaffinity"):
@@ -160,4 +155,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

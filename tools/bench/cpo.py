@@ -25,7 +25,9 @@ from optim.objective import objective
 from optim.problem import Problem
 from replay.kernels import drop_stale
 from replay.logs import read_cases
+from tools.script import existing, from_one, run
 
+RECORDINGS = pathlib.Path(__file__).resolve().parents[2] / "recordings"
 MOST_ITERATIONS = 3000
 Solved = tuple[float, int]  # cost, iterations
 
@@ -69,11 +71,11 @@ MINIMISERS: dict[str, Callable[[Terms, Row], Solved]] = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Points of CPO against plain minimisers, and J of every log.")
-    parser.add_argument("logs", nargs="*", type=pathlib.Path)
-    parser.add_argument("--points", type=int, default=300)
+    parser.add_argument("logs", nargs="*", type=existing, metavar="LOG", help="default: the sample logs")
+    parser.add_argument("--points", type=from_one, default=300, help="on a segment (default: %(default)s)")
     parser.add_argument("--slow", type=int, default=3, help="logs for which scipy's minimisers are run too")
     arguments = parser.parse_args()
-    logs = arguments.logs or sorted(pathlib.Path("recordings").glob("*.mcap"))
+    logs = arguments.logs or sorted(RECORDINGS.glob("*.mcap"))
     drop_stale()
     problems = {case.name: case.problem for log in logs for case in read_cases(log)}
     in_metric(*start(next(iter(problems.values())), 50), 10)
@@ -101,4 +103,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

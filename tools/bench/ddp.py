@@ -11,11 +11,11 @@ What is not installed is left out: `pip install crocoddyl pycddp` into any envir
 """
 
 import argparse
+import functools
 import importlib
 import pathlib
 import sys
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -26,20 +26,12 @@ from optim.methods.ddp import Ddp
 from optim.objective import objective
 from replay.kernels import drop_stale
 from replay.logs import read_cases
+from tools.bench.timing import least
+from tools.script import existing, run
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tests"))
 
 STAGES, N, M = 200, 6, 2
-
-
-def least(call: Callable[[], object], runs: int) -> float:
-    """The least wall time of one call [s]."""
-    times = []
-    for _ in range(runs):
-        start = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - start)
-    return min(times)
 
 
 def linear_quadratic() -> None:
@@ -49,7 +41,7 @@ def linear_quadratic() -> None:
     e, policy, report = new_expansion(STAGES, N, M), new_policy(STAGES, N, M), np.zeros(4)
     e.fz[:, :, :N], e.fz[:, :, N:], e.lzz[:, :N, :N], e.lzz[:, N:, N:] = a, b, q, r
     backward_pass(e, 0.0, False, policy, report)
-    ours = least(lambda: backward_pass(e, 0.0, False, policy, report), 500)
+    ours = least(lambda: backward_pass(e, 0.0, False, policy, report), 500, time.perf_counter)
     print(f"backward pass, {STAGES} stages, {N} states, {M} controls: optim.ddp {1e6 * ours / STAGES:.2f} us a stage")
     try:
         crocoddyl: Any = importlib.import_module("crocoddyl")
@@ -64,7 +56,7 @@ def linear_quadratic() -> None:
         solver.preg = solver.dreg = 0.0
         solver.computeDirection(True)
         apart = max(float(np.abs(solver.K[k] + policy.gain[k]).max()) for k in range(STAGES))
-        theirs = least(solver.backwardPass, 500)
+        theirs = least(solver.backwardPass, 500, time.perf_counter)
         name = type(solver).__name__
         print(f"  crocoddyl {crocoddyl.__version__} {name}: {1e6 * theirs / STAGES:.2f} us, gains apart by {apart:.1e}")
 
@@ -78,7 +70,8 @@ def car_parking() -> None:
         model = car.CarParking(curvature)
         states, controls = model.initial()
         found = minimise(model, states, controls, settings)
-        seconds = least(lambda m=model, x=states, u=controls, s=settings: minimise(m, x, u, s), 3)
+        again = functools.partial(minimise, model, states, controls, settings)
+        seconds = least(again, 3, time.perf_counter)
         name = "full DDP" if curvature else "iLQR"
         print(f"  optim.ddp {name}: cost {found.cost:.6f}, {found.iterations} iterations, {seconds:.2f} s")
     try:
@@ -128,21 +121,17 @@ def logs(paths: list[pathlib.Path]) -> None:
         for case in read_cases(path):
             problem, cells = case.problem, []
             for name, method in methods.items():
-                result, times = method.solve(problem), []
-                for _ in range(3):
-                    start = time.process_time()
-                    method.solve(problem)
-                    times.append(time.process_time() - start)
-                seconds[name].append(min(times))
+                result, spent = method.solve(problem), least(functools.partial(method.solve, problem), 3)
+                seconds[name].append(spent)
                 value = objective(result.path, problem.weights)
-                cells.append(f"{value:.3f} / {result.path.num_cusps} / {result.iterations} / {min(times):.3f}")
+                cells.append(f"{value:.3f} / {result.path.num_cusps} / {result.iterations} / {spent:.3f}")
             print(f"| {case.name} | {objective(problem.recorded, problem.weights):.2f} |", " | ".join(cells), "|")
     print("| median CPU [s] | |", " | ".join(f"{np.median(values):.3f}" for values in seconds.values()), "|")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Speed and quality of differential dynamic programming.")
-    parser.add_argument("logs", nargs="*", type=pathlib.Path)
+    parser.add_argument("logs", nargs="*", type=existing, metavar="LOG", help="default: none")
     arguments = parser.parse_args()
     drop_stale()
     linear_quadratic()
@@ -152,4 +141,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

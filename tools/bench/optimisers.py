@@ -8,8 +8,6 @@ nlp, and ddp with the better of both; its times are those of the other over its 
 """
 
 import argparse
-import pathlib
-import sys
 import time
 from typing import Any
 from unittest.mock import patch
@@ -21,7 +19,7 @@ from optim.methods import Method
 from optim.methods.chain import named
 from optim.objective import objective
 from optim.problem import Problem
-from optim.result import OnIterate, Result, ignore
+from optim.result import Result
 from optim.scp import loop
 from optim.scp.subproblem import Step
 from replay.case import Case
@@ -29,13 +27,15 @@ from replay.cli import use_one_thread
 from replay.kernels import drop_stale
 from replay.logs import ReadOptions, read_cases
 from replay.run import run_case
+from tools.bench.peers.common import Given
+from tools.script import existing, run
 
 METHODS = ("nlp", "scp", "ddp", "shortcut+scp")
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("logs", nargs="+", type=pathlib.Path)
+    parser.add_argument("logs", nargs="+", type=existing, metavar="LOG")
     logs = parser.parse_args().logs
     use_one_thread()  # IPOPT's linear algebra, loaded later, else spends twice the CPU time for the same solution
     drop_stale()
@@ -78,25 +78,14 @@ def _measure(case: Case, name: str, method: Method) -> tuple[float, int, float, 
     result, seconds = _timed(method, case.problem)
     for _ in range(2 if name == "ddp" else 0):
         seconds = min(seconds, _timed(method, case.problem)[1])
-    run = run_case(case, {name: _Given(result)}).methods[0]
-    return objective(run.path, case.problem.weights), run.path.num_cusps, seconds, run.status[0]
+    judged = run_case(case, {name: Given(result)}).methods[0]
+    return objective(judged.path, case.problem.weights), judged.path.num_cusps, seconds, judged.status[0]
 
 
 def _timed(method: Method, problem: Problem) -> tuple[Result, float]:
     started = time.process_time()
     result = method.solve(problem)
     return result, time.process_time() - started
-
-
-class _Given:
-    """A method that gives back a result that is there already, so that it is audited without solving again."""
-
-    def __init__(self, result: Result) -> None:
-        self.result = result
-
-    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
-        del problem, on_iterate
-        return self.result
 
 
 def _sub_problems(problem: Problem) -> str:
@@ -139,4 +128,4 @@ def _sub_problems(problem: Problem) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

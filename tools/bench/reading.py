@@ -19,6 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from tools.script import existing, from_one, run
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
@@ -85,7 +87,9 @@ def best(path: pathlib.Path, repeat: int) -> dict[str, Any]:
     runs = []
     for _ in range(repeat):
         call = [sys.executable, __file__, str(path), "--child"]
-        done = subprocess.run(call, stdout=subprocess.PIPE, check=True, text=True)
+        done = subprocess.run(call, stdout=subprocess.PIPE, text=True)
+        if done.returncode != 0:
+            raise SystemExit(done.returncode)  # it has said why
         runs.append(json.loads(done.stdout))
     fastest = min(runs, key=lambda run: run["cpu_s"])
     return fastest | {"peak_mib": max(run["peak_mib"] for run in runs), "wall_s": min(run["wall_s"] for run in runs)}
@@ -93,8 +97,8 @@ def best(path: pathlib.Path, repeat: int) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("logs", nargs="*", type=pathlib.Path)
-    parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("logs", nargs="*", type=existing, metavar="LOG")
+    parser.add_argument("--repeat", type=from_one, default=3, help="processes for each log (default: %(default)s)")
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.child:
@@ -116,4 +120,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

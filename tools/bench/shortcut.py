@@ -7,7 +7,6 @@ geometric mean of J's ratios.
 
 import argparse
 import math
-import pathlib
 import statistics
 import time
 
@@ -16,6 +15,7 @@ from optim.objective import objective
 from optim.problem import Problem
 from replay.kernels import drop_stale
 from replay.logs import read_cases
+from tools.script import existing, run
 
 VARIANTS = {
     "random": Shortcut(),
@@ -38,7 +38,7 @@ def cpu_seconds(method: Shortcut, problem: Problem) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="What the shortcut's variants gain, and how long they take.")
-    parser.add_argument("logs", nargs="+", type=pathlib.Path)
+    parser.add_argument("logs", nargs="+", type=existing, metavar="LOG")
     arguments = parser.parse_args()
     drop_stale()
     print(f"J / gear changes. CPU seconds: {VARIANTS['random'].tries} tries of 'random'.\n")
@@ -58,4 +58,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -21,6 +21,8 @@ import numpy as np
 
 from optim.steering import Flat, connections
 from optim.vehicle import Vehicle, rk4_step
+from replay.kernels import drop_stale
+from tools.script import from_one, run
 
 VEHICLES = {
     "european semi": Vehicle(),
@@ -118,9 +120,10 @@ def print_cold_start() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Coverage and speed of the local planner.")
-    parser.add_argument("--pairs", type=int, default=1000, help="random pairs for each row")
+    parser.add_argument("--pairs", type=from_one, default=1000, help="random pairs for each row (default: %(default)s)")
     parser.add_argument("--cold", action="store_true", help="time the first call without compiled code, too")
     arguments = parser.parse_args()
+    drop_stale()
     columns = ("any", "turns", "bezier", "shortest", "length", "us", "us bound")
     print(f"{'vehicle':14} {'pairs':7} {'gear':8}" + "".join(f"{column:>9}" for column in columns))
     for name, vehicle in VEHICLES.items():
@@ -132,4 +135,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

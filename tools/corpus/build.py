@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, NamedTuple
@@ -17,23 +17,19 @@ from optim.scene import Scene, make_scene
 from optim.vehicle import Vehicle
 from tools.corpus.grid import Cells, draw_grid
 from tools.corpus.rrt import Found, Search, plan
-from tools.corpus.site import Grid, Site, footprints, ground, place_flat
+from tools.corpus.site import Site, footprints, ground, place_flat
 from tools.planners.closed_loop import ClosedLoopTree
 from tools.planners.hybrid import HybridAStar
 from tools.planners.protocol import Plan, Planner, Task
 
 MAX_SEEDS = 100
 """So many searches are tried for a site before it counts as impossible."""
-
-
 MIN_EDGES = 4
 """Paths of fewer edges leave nothing to cut short."""
-
-
 PLANNERS: Final[Mapping[str, Planner]] = MappingProxyType(
     {"CL-RRT": ClosedLoopTree(max_iterations=1500), "Hybrid A*": HybridAStar(max_nodes=120_000)}
 )
-"""The planners beside the RRT that `build` uses; bounded by effort, never by time."""
+"""The planners beside the RRT, which `build` uses; bounded by effort, never by time."""
 
 
 class Poses(NamedTuple):
@@ -91,54 +87,76 @@ def task_of(site: Site, cells: Cells | None) -> Task:
     )
 
 
+class _Drive(NamedTuple):
+    """What a planner found for a site."""
+
+    poses: Poses
+    iterations: int
+    length: float  # [m]
+    num_cusps: int
+
+
 def build(site: Site, search: Search | None = None, max_seeds: int = MAX_SEEDS) -> Built:
-    """Plan the site's path; seeds are tried in order until one gives a path within the site's ranges.
+    """Plan the site's path by the RRT; seeds are tried in order until one gives a path within the site's ranges.
 
     Raises RuntimeError when none does.
     """
-    cells = draw_grid(site, site.map) if isinstance(site.map, Grid) else None
-    scene, vehicle = planner_scene(site, cells), planner_vehicle(site.vehicle)
-    start, goal = (place_flat(flat, site.pose) for flat in (site.start, site.goal))
-    for seed in range(site.seed, site.seed + max_seeds):
+    cells = draw_grid(site)
+    task = task_of(site, cells)
+
+    def drive(seed: int) -> _Drive | None:
         found = plan(
-            vehicle, scene, start, goal, site.areas, site.pose, margin=site.clearance, seed=seed, search=search
+            task.vehicle,
+            task.scene,
+            task.start,
+            task.goal,
+            task.areas,
+            task.pose,
+            margin=task.margin,
+            seed=seed,
+            search=search,
         )
         if found is None or len(found.edges) < MIN_EDGES:
-            continue
+            return None
         length = sum(edge.truck_length for edge in found.edges)
-        if site.length[0] <= length <= site.length[1] and site.cusps[0] <= num_cusps(found) <= site.cusps[1]:
-            return Built(
-                site=site,
-                cells=cells,
-                poses=_with_noise(logged_poses(found, site.spacing), site),
-                seed=seed,
-                iterations=found.iterations,
-                length=length,
-                num_cusps=num_cusps(found),
-            )
-    raise RuntimeError(f"{site.name}: no path with seeds {site.seed} to {site.seed + max_seeds - 1}")
+        return _Drive(logged_poses(found, site.spacing), found.iterations, length, num_cusps(found))
+
+    return _first_wanted(site, cells, drive, max_seeds)
 
 
 def build_with(site: Site, max_seeds: int = MAX_SEEDS) -> Built:
     """As `build`, by the planner that the site names, without a least number of edges."""
-    cells = draw_grid(site, site.map) if isinstance(site.map, Grid) else None
+    cells = draw_grid(site)
     task, planner = task_of(site, cells), PLANNERS[site.planner]
+
+    def drive(seed: int) -> _Drive | None:
+        found = planner.plan(task, seed)
+        if found is None:
+            return None
+        poses = poses_of_plan(task.vehicle, found, site.spacing)
+        return _Drive(poses, found.effort, found.path.length, found.path.num_cusps)
+
+    return _first_wanted(site, cells, drive, max_seeds)
+
+
+def _first_wanted(site: Site, cells: Cells | None, drive: Callable[[int], _Drive | None], max_seeds: int) -> Built:
+    """The first drive within the site's ranges. Raises RuntimeError where no seed gives one."""
     for seed in range(site.seed, site.seed + max_seeds):
-        plan = planner.plan(task, seed)
-        if plan is None:
+        found = drive(seed)
+        if found is None:
             continue
-        length, cusps = plan.path.length, plan.path.num_cusps
-        if site.length[0] <= length <= site.length[1] and site.cusps[0] <= cusps <= site.cusps[1]:
+        if site.length[0] <= found.length <= site.length[1] and site.cusps[0] <= found.num_cusps <= site.cusps[1]:
             return Built(
                 site=site,
                 cells=cells,
-                poses=_with_noise(poses_of_plan(task.vehicle, plan, site.spacing), site),
+                poses=_with_noise(found.poses, site),
                 seed=seed,
-                iterations=plan.effort,
-                length=length,
-                num_cusps=cusps,
+                iterations=found.iterations,
+                length=found.length,
+                num_cusps=found.num_cusps,
             )
-    raise RuntimeError(f"{site.name}: {site.planner} has no path with seeds {site.seed} to {site.seed + max_seeds - 1}")
+    last = site.seed + max_seeds - 1
+    raise RuntimeError(f"{site.name}: {site.planner} has no path with seeds {site.seed} to {last}")
 
 
 def poses_of_plan(vehicle: Vehicle, plan: Plan, spacing: float) -> Poses:

@@ -5,12 +5,13 @@ path within the class's ranges, the next variant is drawn. Vehicles, kinds of ma
 how the file is compressed take turns, so that each class has some of everything.
 """
 
+import contextlib
 import dataclasses
 import math
 import zlib
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -201,22 +202,15 @@ CLASSES: Final[Mapping[str, Callable[[Draw], Site]]] = MappingProxyType(
     }
 )
 """Scene classes; a class's sites are NAME_01, NAME_02, ..."""
-
-
-MOST_VARIANTS, SEEDS_EACH = 15, 6
+MOST_VARIANTS = 15
+"""So many variants of a site are drawn before it counts as impossible."""
+SEEDS_EACH = 6
+"""Searches of the RRT on each of them."""
 
 
 def build_drawn(kind: str, number: int) -> Built:
-    """The first variant of a site for which the planner finds a path. Raises RuntimeError where there is none."""
-    for variant in range(MOST_VARIANTS):
-        site = draw_site(kind, number, variant)
-        if site is None:
-            continue
-        try:
-            return build(site, _SEARCH, SEEDS_EACH)
-        except RuntimeError:
-            continue
-    raise RuntimeError(f"{kind}_{number:02d}: no path in {MOST_VARIANTS} variants")
+    """The first variant of a site for which the RRT finds a path. Raises RuntimeError where there is none."""
+    return _first_built(kind, number, lambda site: build(site, _SEARCH, SEEDS_EACH))
 
 
 def build_hard(kind: str, number: int, planner: str) -> Built:
@@ -224,15 +218,18 @@ def build_hard(kind: str, number: int, planner: str) -> Built:
 
     The cells of these sites' grids reach nearer to the backed-up trailer than what the RRT keeps.
     """
+    changes: dict[str, Any] = {"planner": planner, "cusps": (0, 12), "clearance": _LITTLE}
+    return _first_built(kind, number, lambda site: build_with(dataclasses.replace(site, **changes), 1))
+
+
+def _first_built(kind: str, number: int, build_site: Callable[[Site], Built]) -> Built:
+    """The first variant of a site that can be built. Raises RuntimeError where there is none."""
     for variant in range(MOST_VARIANTS):
         site = draw_site(kind, number, variant)
-        if site is None:
-            continue
-        try:
-            return build_with(dataclasses.replace(site, planner=planner, cusps=(0, 12), clearance=_LITTLE), 1)
-        except RuntimeError:
-            continue
-    raise RuntimeError(f"{kind}_{number:02d}: no path by {planner} in {MOST_VARIANTS} variants")
+        if site is not None:
+            with contextlib.suppress(RuntimeError):
+                return build_site(site)
+    raise RuntimeError(f"{kind}_{number:02d}: no path in {MOST_VARIANTS} variants")
 
 
 def draw_site(kind: str, number: int, variant: int) -> Site | None:
@@ -245,7 +242,7 @@ def draw_site(kind: str, number: int, variant: int) -> Site | None:
     return _rounded(site) if _ends_are_free(site) else None
 
 
-def _named(kind: str, title: str, draw: Draw) -> dict:
+def _named(kind: str, title: str, draw: Draw) -> dict[str, Any]:
     """The fields of a site that take turns."""
     n = draw.number
     compression: Literal["zstd", "lz4", "none"] = ("zstd", "lz4", "none", "zstd")[n % 4]
@@ -303,7 +300,7 @@ def _ends_are_free(site: Site) -> bool:
 def _rounded(site: Site) -> Site:
     """Numbers of obstacles and ends as a person would write them: the last bit of a sine decides nothing."""
 
-    def box(obstacle: Obstacle) -> Obstacle:
+    def rounded(obstacle: Obstacle) -> Obstacle:
         if isinstance(obstacle, Box):
             values = {key: round(getattr(obstacle, key), 2) for key in ("x", "y", "length", "width", "yaw")}
             return dataclasses.replace(obstacle, **values)
@@ -312,4 +309,4 @@ def _rounded(site: Site) -> Site:
         return obstacle
 
     ends = {key: Flat(*(round(value, 4) for value in getattr(site, key))) for key in ("start", "goal")}
-    return dataclasses.replace(site, obstacles=tuple(map(box, site.obstacles)), **ends)
+    return dataclasses.replace(site, obstacles=tuple(map(rounded, site.obstacles)), **ends)

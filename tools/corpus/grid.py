@@ -34,8 +34,11 @@ class Cells:
         return (self.values >= OCCUPIED) | (self.values == UNKNOWN)
 
 
-def draw_grid(site: Site, grid: Grid) -> Cells:
-    """The site's map as cells, with noise."""
+def draw_grid(site: Site) -> Cells | None:
+    """The site's map as cells, with noise; None where its log holds shapes."""
+    grid = site.map
+    if not isinstance(grid, Grid):
+        return None
     rng = np.random.default_rng(site.noise)
     origin, shape = _frame(ground(site), grid)
     centres = _centres(origin, shape, grid.resolution)

@@ -19,6 +19,7 @@ from tools.corpus.site import Area, Pose
 
 CONNECTION_SPACING = 0.05
 """Distance between samples of exact connections [m]: phi is linear in between, and the audit integrates that."""
+_CHECK_SPACING = 0.2  # [m]: of the samples between which a connection is checked
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,12 +89,10 @@ def assemble(pieces: Sequence[Segment], effort: int) -> Plan:
     return Plan(path=merge(joined), nodes=frozen(nodes), effort=effort)
 
 
-def clear_connection(
-    task: Task, start: Flat, end: Flat, gear: int, longest: float = math.inf, tries: int = 2
-) -> Connection | None:
-    """The shortest exact connection that is clear of obstacles, of the `tries` shortest ones."""
-    for edge in connections(task.vehicle, start, end, gear, longest)[:tries]:
-        s, states, phi = edge.sample(0.2)
+def clear_connection(task: Task, start: Flat, end: Flat, gear: int, longest: float) -> Connection | None:
+    """The shorter of the two shortest exact connections, of at most `longest` [m], that is clear of obstacles."""
+    for edge in connections(task.vehicle, start, end, gear, longest)[:2]:
+        s, states, phi = edge.sample(_CHECK_SPACING)
         if first_violation(task.scene, task.vehicle, s, states, task.margin, phi) < 0:
             return edge
     return None

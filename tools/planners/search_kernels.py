@@ -120,9 +120,10 @@ def heuristic(x, y, theta, alpha, goal, l_t, field, field_frame, values, cell, b
 def expand(count, sizes, nodes, links, heap, keys, best, world, limits, costs, targets, lengths, frame, goal, guide):
     """Pop and expand up to `count` nodes; returns the expanded ones' numbers, -1 where the heap ran empty.
 
-    sizes: (number of nodes, of heap entries), changed; world: packed scene, footprints, sweep limits, margin;
-    limits: max steer, max hitch, rate; costs: of a gear change, of reverse per metre, of steering, weight of the
-    heuristic; lengths: of primitives, samples; guide: field, its frame, table's values, cell, bend.
+    sizes: (number of nodes, of heap entries, of cells that have a node), changed; world: packed scene, footprints,
+    sweep limits, margin; limits: max steer, max hitch, rate; costs: of a gear change, of reverse per metre, of
+    steering, weight of the heuristic; lengths: of primitives, samples; guide: field, its frame, table's values, cell,
+    bend.
     """
     scene, footprints, motion, margin = world
     field, field_frame, values, table_cell, bend = guide

@@ -2,7 +2,7 @@
 
 Usage: python tools/regress/same.py [--count N] [--corpus FOLDER] [--method NAME]...
 
-By default on small logs; times alone may differ.
+By default on small logs; times alone may differ. The exit status is 1 if anything else does.
 """
 
 import argparse
@@ -15,19 +15,20 @@ import time
 from typing import Any
 
 from replay.regress.store import Store
+from tools.processes import REPLAY
 from tools.regress.local_cluster import LocalCluster
 from tools.regress.small_logs import write_corpus
+from tools.script import existing, from_one, method_name, run
 
 TIMES = ("wall_s", "reason", "path")
 """What may differ: times, sentences in which times stand, and where the log was read from."""
-_START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=300)
-    parser.add_argument("--corpus", type=pathlib.Path)
-    parser.add_argument("--method", action="append")
+    parser.add_argument("--count", type=from_one, default=300, help="small logs (default: %(default)s)")
+    parser.add_argument("--corpus", type=existing, metavar="FOLDER", help="take the logs of this folder")
+    parser.add_argument("--method", action="append", type=method_name, help="may be repeated (default: ddp, cpo)")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # what was started is ended then, too
     with tempfile.TemporaryDirectory() as name:
@@ -56,7 +57,7 @@ def main() -> int:
 def _results(runs: pathlib.Path, words: list[str]) -> dict[str, Any]:
     """The documents of a run, by log, without times."""
     begun = time.monotonic()
-    subprocess.run([sys.executable, "-c", _START, "regress", *words, "--out", str(runs), "--quiet"], check=True)
+    subprocess.run([*REPLAY, "regress", *words, "--out", str(runs), "--quiet"], check=True)
     print(f"{time.monotonic() - begun:.0f} s", file=sys.stderr, flush=True)
     return {document["log"]: timeless(document) for document in Store(next(runs.iterdir())).documents()}
 
@@ -69,4 +70,4 @@ def timeless(document: Any) -> Any:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

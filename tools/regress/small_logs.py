@@ -1,14 +1,10 @@
-"""Write small logs, as many as are wanted: a short wavy drive past two boxes, so that a method has something to gain.
-
-Usage: python tools/regress/small_logs.py FOLDER [--count N]
+"""Small logs, as many as are wanted: a short wavy drive past two boxes, so that a method has something to gain.
 
 The same number gives the same log. Every tenth is cut off after a third, as logs are that a crash ended.
 """
 
-import argparse
 import math
 import pathlib
-import sys
 
 import numpy as np
 
@@ -21,15 +17,6 @@ from tools.corpus.write import to_bytes
 VEHICLE = Vehicle()
 CUT_EVERY = 10
 LIST_HEAD = 'schema = "replay.corpus/1"\n'
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=pathlib.Path)
-    parser.add_argument("--count", type=int, default=5000)
-    options = parser.parse_args()
-    write_corpus(options.folder, options.count)
-    return 0
 
 
 def write_corpus(folder: pathlib.Path, count: int, *, refused: bool = False) -> None:
@@ -83,7 +70,3 @@ def _site(number: int, states: np.ndarray) -> Site:
         map=Shapes(),
         noise=number % 24,
     )
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,7 @@
 """Run thousands of small logs on a Dask cluster of this machine while workers, or the coordinator, are killed.
 
-Usage: python tools/regress/storm.py [--count N] [--worker-kills N] [--coordinator-kills N] [--seed N]
+Usage: python tools/regress/storm.py [--count N] [--workers N] [--worker-kills N] [--coordinator-kills N]
+                                     [--method NAME] [--refused] [--seed N]
 
 At the end there must be exactly one valid result for each log. Says how often work on a log began, how much the
 coordinator's memory grew between a tenth of the logs and all, and whether any process was left.
@@ -19,14 +20,15 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from replay.regress.store import Store
+from tools.processes import REPLAY, is_running
 from tools.regress.local_cluster import LocalCluster
 from tools.regress.small_logs import write_corpus
+from tools.script import from_one, method_name, run
 
 MOST_EXECUTIONS = 1.2
 """Times each log may be worked on, on average."""
 MOST_GROWTH = 10.0
 """Of the coordinator [MiB]."""
-_START = "import sys; from replay.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 @dataclass(kw_only=True)
@@ -44,31 +46,45 @@ class Seen:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=5000)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--worker-kills", type=int, default=5)
-    parser.add_argument("--coordinator-kills", type=int, default=0)
-    parser.add_argument("--method", default="ddp")
+    parser.add_argument("--count", type=from_one, default=5000, help="logs (default: %(default)s)")
+    parser.add_argument("--workers", type=from_one, default=2, help="default: %(default)s")
+    parser.add_argument("--worker-kills", type=int, default=5, help="default: %(default)s")
+    parser.add_argument("--coordinator-kills", type=int, default=0, help="default: %(default)s")
+    parser.add_argument("--method", type=method_name, default="ddp", help="default: %(default)s")
     parser.add_argument(
         "--refused", action="store_true", help="logs that take no time, to look at the coordinator alone"
     )
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0, help="of the times of the kills (default: %(default)s)")
     options = parser.parse_args()
+    if not 0 <= options.worker_kills <= len(_worker_kills(options.count)):
+        parser.error(f"--worker-kills: expected 0 to {len(_worker_kills(options.count))} for {options.count} logs")
+    if not 0 <= options.coordinator_kills <= len(_coordinator_kills(options.count)):
+        parser.error(f"--coordinator-kills: expected 0 to {len(_coordinator_kills(options.count))}")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # what was started is ended then, too
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
         write_corpus(folder / "corpus", options.count, refused=options.refused)
         with LocalCluster(folder / "cluster", options.workers) as cluster:
             seen = storm(folder, cluster, options)
-        left = [pid for pid in seen.killed if _is_running(pid)]
+        left = [pid for pid in seen.killed if is_running(pid)]
         return report(next((folder / "runs").iterdir()), options.count, seen, left)
+
+
+def _worker_kills(count: int) -> range:
+    """Numbers of results there may be when a worker is killed."""
+    return range(count // 20, count - count // 20)
+
+
+def _coordinator_kills(count: int) -> range:
+    """Numbers of results there may be when the coordinator is killed: it has the rest to do."""
+    return range(count // 10, count // 2)
 
 
 def storm(folder: pathlib.Path, cluster: LocalCluster, options: argparse.Namespace) -> Seen:
     """One run to its end, with kills at random times."""
     rng = random.Random(options.seed)
-    kills = sorted(rng.sample(range(options.count // 20, options.count - options.count // 20), options.worker_kills))
-    coordinator = sorted(rng.sample(range(options.count // 10, options.count // 2), options.coordinator_kills))
+    kills = sorted(rng.sample(_worker_kills(options.count), options.worker_kills))
+    coordinator = sorted(rng.sample(_coordinator_kills(options.count), options.coordinator_kills))
     seen, begun = Seen(), time.monotonic()
     process = _coordinator(folder, cluster, options, resume=False)
     while process.poll() is None:
@@ -97,7 +113,7 @@ def _coordinator(
 ) -> subprocess.Popen[bytes]:
     words = ["regress", str(folder / "corpus"), "--scheduler", cluster.address, "--method", options.method]
     words += ["--out", str(folder / "runs"), "--recordings", "none", *(["--resume"] if resume else [])]
-    return subprocess.Popen([sys.executable, "-c", _START, *words])
+    return subprocess.Popen([*REPLAY, *words])
 
 
 def report(run: pathlib.Path, count: int, seen: Seen, left: list[int]) -> int:
@@ -142,9 +158,5 @@ def _memory(pid: int) -> float:
     return next((int(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmRSS")), 0.0)
 
 
-def _is_running(pid: int) -> bool:
-    return pathlib.Path(f"/proc/{pid}").exists()
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -55,16 +55,6 @@ class Verdict:
     size: str
 
 
-def least(call: Callable[[], object], runs: int) -> float:
-    """The least CPU time of one call [s]."""
-    times = []
-    for _ in range(runs):
-        began = time.process_time()
-        call()
-        times.append(time.process_time() - began)
-    return min(times)
-
-
 def path_at(problem: Problem, knots: Knots) -> Path | None:
     """The path through knots, None where they are none: steps that are not positive."""
     if (knots.h[knots.gear != 0] <= 0.0).any():
@@ -93,19 +83,20 @@ def measure(case: Case, contender: Contender) -> Verdict:
 
 def measure_path(case: Case, path: Path) -> tuple[str, tuple[str, ...]]:
     """The audited status of a path, and the checks that it did not pass."""
-    run = run_case(case, {"given": _Given(path)}).methods[0]
+    given = Given(Result(path=path, stop=Stop.CONVERGED, reason="", iterations=0))
+    run = run_case(case, {"given": given}).methods[0]
     if run.rejected is None:
         return run.status, ()
     checks: dict[str, dict[str, bool]] = run.rejected["checks"]
     return run.status, tuple(name for name, check in checks.items() if not check["passed"])
 
 
-class _Given:
-    """A method that gives back a path that is there already, so that it is judged like any other's."""
+class Given:
+    """A method that gives back a result that is there already, so that it is judged like any other's."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, result: Result) -> None:
+        self.result = result
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         del problem, on_iterate
-        return Result(path=self.path, stop=Stop.CONVERGED, reason="", iterations=0)
+        return self.result

@@ -32,7 +32,8 @@ def all_pairs(problem: Problem, knots: Knots) -> Pairs:
     return Pairs.of({(k, body, m) for k in inside for body in range(2) for m in range(count)})
 
 
-def ipopt_options(**more: Any) -> dict[str, Any]:
+def ipopt_options() -> dict[str, Any]:
+    """Of `casadi.nlpsol`, for all who hand IPOPT the whole problem at once."""
     return {
         "print_time": False,
         "ipopt.print_level": 0,
@@ -41,7 +42,6 @@ def ipopt_options(**more: Any) -> dict[str, Any]:
         "ipopt.tol": 1e-6,
         "ipopt.mu_strategy": "adaptive",
         "ipopt.max_cpu_time": TIME_LIMIT,
-        **more,
     }
 
 

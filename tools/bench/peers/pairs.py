@@ -22,7 +22,7 @@ from optim.scene import Scene, clearance, collides
 from optim.vehicle import Vehicle, body_corners, body_poses
 from replay.files import atomic_write
 from replay.logs import read_cases
-from tools.bench.peers.common import least
+from tools.bench.timing import least
 
 POSES = 2000
 FEWER = 100

@@ -56,9 +56,9 @@ def contenders() -> dict[str, Contender]:
     }
 
 
-def run(logs: list[pathlib.Path], folder: pathlib.Path, only: str = "") -> None:
+def run(logs: list[pathlib.Path], folder: pathlib.Path) -> None:
     """Measure what is not measured yet."""
-    chosen = {name: contender for name, contender in contenders().items() if only in name}
+    chosen = contenders()
     folder.mkdir(parents=True, exist_ok=True)
     for log in logs:
         case = read_cases(log)[0]

@@ -21,7 +21,7 @@ from optim.scp.statement import bucket, statement
 from optim.vehicle import body_corners
 from replay.files import atomic_write
 from replay.logs import read_cases
-from tools.bench.peers.common import least
+from tools.bench.timing import least
 
 LOG = "bay_01"
 OBSTACLES = (12, 30, 100, 300, 1000, 2000)
