@@ -69,8 +69,8 @@ def recordings(run: pathlib.Path) -> list[pathlib.Path]:
 
 def _table(dataset: "Dataset") -> Table:
     table = Table(box=None, pad_edge=False)
-    for heading, justify in (("recording", "left"), ("status", "left"), ("best", "left"), ("J", "right")):
-        table.add_column(heading, justify=justify, no_wrap=True)  # type: ignore[arg-type]
+    for heading in ("recording", "status", "best", "J"):
+        table.add_column(heading, justify="right" if heading == "J" else "left", no_wrap=True)
     for entry in dataset.entries:
         found = entry.properties
         before, after = found.get("objective_before"), found.get("objective_after")

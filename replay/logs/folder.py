@@ -63,12 +63,11 @@ def parts_of(folder: Path) -> tuple[list[str], list[Finding]]:
         raise LogError("E_UNREADABLE", folder, f"cannot be opened ({error.strerror})") from None
     listed = _listed(folder)
     if listed is None:
-        numbered = {
-            name: re.fullmatch(re.escape(folder.resolve().name) + r"_(\d{1,9})\.mcap", name) for name in present
-        }
-        if not present or not all(numbered.values()):
+        form = re.compile(re.escape(folder.resolve().name) + r"_(\d{1,9})\.mcap")
+        numbered = sorted((int(match[1]), match[0]) for match in map(form.fullmatch, present) if match)
+        if not present or len(numbered) < len(present):
             raise LogError("E_NOT_A_FILE", folder, not_a_file(folder))
-        names = sorted(present, key=lambda name: int(numbered[name][1]))  # type: ignore[index]
+        names = [name for _, name in numbered]
         return names, [Finding("W_NO_METADATA", f"the folder has no {METADATA}; its parts are taken by number", False)]
     missing = [name for name in listed if name not in present]
     if len(missing) == len(listed):

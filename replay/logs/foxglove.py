@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from optim.arrays import Array, frozen
+from optim.arrays import Array, frozen, frozen_int
 from replay.logs import markers as m
 from replay.logs.content import Grid, Header, Joints, Marker, PayloadError, PoseSeries, Role, Transform
 from replay.logs.json_messages import decode_json
@@ -38,8 +38,7 @@ def _points(rows: list[list[float]]) -> Array:
 def poses(tree: Tree) -> PoseSeries:
     """`foxglove.PosesInFrame`."""
     rows = [[*(pose["position"] or _ZERO), *(pose["orientation"] or (0.0,) * 4)] for pose in tree["poses"]]
-    stamps = np.full(len(rows), tree["timestamp"], np.int64)
-    stamps.flags.writeable = False
+    stamps = frozen_int(np.full(len(rows), tree["timestamp"], np.int64))
     header = Header(tree["timestamp"], tree["frame_id"])
     array = frozen(np.array(rows, np.float64).reshape(-1, 7))
     return PoseSeries(header=header, stamps=stamps, poses=array, frames=frozenset())

@@ -18,7 +18,6 @@ _PRIMITIVES = {"bool", "float32", "float64", "string", "wstring"} | {
 _SAME_TYPE = {"byte": "uint8", "char": "uint8"}
 
 
-@cache
 def parse_layout(root: str, text: str) -> Layout:
     """Fields of each type in a `ros2msg` definition: the root first, then sections headed ``MSG: pkg/Type``.
 
@@ -42,6 +41,10 @@ def parse_layout(root: str, text: str) -> Layout:
         if len(layout) > MAX_TYPES or len(fields) > MAX_FIELDS:
             raise LayoutError(f"more than {MAX_TYPES} types, or {MAX_FIELDS} fields in one")
     return layout
+
+
+_standard = cache(parse_layout)
+"""What a log defines is not kept: it may be of any size, and comes once."""
 
 
 def _short(name: str) -> str:
@@ -69,11 +72,11 @@ def matching_layout(name: str, definition: bytes, standards: tuple[str, ...], en
         text = definition.decode("utf-8")
     except UnicodeDecodeError:
         raise LayoutError("the definition is not UTF-8 text") from None
-    found = parse_idl(text) if encoding == "ros2idl" else parse_layout.__wrapped__(name, text)  # not cached: the log's
+    found = parse_idl(text) if encoding == "ros2idl" else parse_layout(name, text)
     for number, standard in enumerate(standards):
-        if all(found.get(kind) == fields for kind, fields in parse_layout(name, standard).items()):
+        if all(found.get(kind) == fields for kind, fields in _standard(name, standard).items()):
             return number
-    raise LayoutError(_difference(found, parse_layout(name, standards[0])))
+    raise LayoutError(_difference(found, _standard(name, standards[0])))
 
 
 def _difference(found: Layout, standard: Layout) -> str:

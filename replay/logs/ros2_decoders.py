@@ -7,7 +7,7 @@ the standard definition that the log's equals.
 import numpy as np
 from numpy.typing import NDArray
 
-from optim.arrays import Array, frozen_int
+from optim.arrays import Array, frozen, frozen_int
 from replay.logs.cdr import HEADER_SIZE, CdrError, CdrReader
 from replay.logs.content import Grid, Header, Joints, Marker, PoseSeries, Ring, Transform
 
@@ -54,8 +54,7 @@ def decode_path(data: bytes, layout: int) -> PoseSeries:
             frames.add(frame)
             done += 1
     reader.finish()
-    stamps.flags.writeable = poses.flags.writeable = False
-    return PoseSeries(header=header, stamps=stamps, poses=poses, frames=frozenset(frames))
+    return PoseSeries(header=header, stamps=frozen_int(stamps), poses=frozen(poses), frames=frozenset(frames))
 
 
 def _read_alike(reader: CdrReader, stamps: NDArray[np.int64], poses: Array, frames: set[str]) -> int:
@@ -140,9 +139,7 @@ def decode_markers(data: bytes, layout: int) -> tuple[Marker, ...]:
 
 def _all_at(header: Header, count: int) -> NDArray[np.int64]:
     """The header's stamp for each of `count` poses."""
-    stamps = np.full(count, header.stamp, np.int64)
-    stamps.flags.writeable = False
-    return stamps
+    return frozen_int(np.full(count, header.stamp, np.int64))
 
 
 def decode_pose_array(data: bytes, layout: int) -> PoseSeries:
@@ -210,13 +207,11 @@ def decode_trajectory(data: bytes, layout: int) -> PoseSeries:
         value = points["nanosec"][late[0]]
         raise CdrError(f"points[{late[0]}].time_from_start.nanosec is {value}, expected less than 1e9")
     since = points["sec"].astype(np.int64) * 1_000_000_000 + points["nanosec"]
-    poses, values = points["pose"].copy(), points["values"].astype(np.float64)
-    for each in (since, poses, values):
-        each.flags.writeable = False
+    values = frozen(points["values"])
     return PoseSeries(
         header=header,
         stamps=_all_at(header, count) if not since.any() else frozen_int(header.stamp + since),
-        poses=poses,
+        poses=frozen(points["pose"]),
         frames=frozenset(),
         speed=values[:, _SPEED],
         steer=values[:, _FRONT_WHEEL],
@@ -224,10 +219,9 @@ def decode_trajectory(data: bytes, layout: int) -> PoseSeries:
 
 
 def _ring(reader: CdrReader, header: Header | None, field: str) -> tuple[Ring, ...]:
-    points = reader.numbers("<f4", 3 * reader.count(12, field), field).reshape(-1, 3).astype(np.float64)
+    points = reader.numbers("<f4", 3 * reader.count(12, field), field).reshape(-1, 3)
     reader.finish()
-    points.flags.writeable = False
-    return (Ring(header=header, points=points),)
+    return (Ring(header=header, points=frozen(points)),)
 
 
 def decode_polygon(data: bytes, layout: int) -> tuple[Ring, ...]:
