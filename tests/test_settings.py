@@ -109,6 +109,7 @@ def test_a_higher_layers_common_seed_stands_above_a_lower_layers_own_one():
         ("[shortcut]\ntries = true", ["shortcut.tries is True, expected a whole number"]),
         ("[reading]\nmargin = 'wide'", ["reading.margin is 'wide', expected a number"]),
         ("[reading]\nunknown = 'maybe'", ["reading.unknown is 'maybe', expected 'obstacle' or 'free'"]),
+        ("[reading]\nvehicle = 3", ["reading.vehicle is 3, expected the name of a file"]),
         ("method = 3", ["method is 3, expected a name or a list of names"]),
         ("method = 'shortct'", ["unknown method 'shortct'. Did you mean 'shortcut'?"]),
         ("time_limit = -1", ["--time-limit is -1, expected more than 0 s"]),

@@ -208,6 +208,15 @@ def _option(group: str, key: str, value: Any, where: str) -> tuple[str, Any]:
         raise UsageError(f"{where}: {place} is {value!r}, expected {error}") from None
 
 
+_EXPECTED: Final = {
+    float: "a number",
+    int: "a whole number",
+    bool: "true or false",
+    str: "a text",
+    pathlib.Path: "the name of a file",
+}
+
+
 def _as_type(value: Any, hint: Any) -> Any:
     """A value of TOML or JSON as one of an option's type. ValueError with what was expected."""
     if get_origin(hint) in (Union, UnionType):
@@ -226,7 +235,7 @@ def _as_type(value: Any, hint: Any) -> Any:
     if hint is pathlib.Path and isinstance(value, str):
         return pathlib.Path(value)
     if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
-        raise ValueError({float: "a number", int: "a whole number", bool: "true or false", str: "a text"}[hint])
+        raise ValueError(_EXPECTED[hint])
     return value
 
 
