@@ -8,6 +8,7 @@ from functools import partial
 import logs_maker as make
 import pytest
 import recording_factory as factory
+import run_maker as runs
 from hypothesis import settings
 from recording_reading import Contents, written
 
@@ -93,3 +94,16 @@ def read(tmp_path: pathlib.Path) -> Callable[..., list[Case]]:
 def refusal(tmp_path: pathlib.Path) -> Callable[..., LogError]:
     """The error that reading such a log ends with."""
     return partial(make.refusal_of, tmp_path / "yard.mcap")
+
+
+@pytest.fixture
+def failed(tmp_path: pathlib.Path) -> pathlib.Path:
+    """A regression run that failed."""
+    return runs.regressed(tmp_path / "runs" / "2026-03-14T02-00-00Z_84f303a")
+
+
+@pytest.fixture
+def passed(tmp_path: pathlib.Path) -> pathlib.Path:
+    """A regression run, a day earlier, in which nothing changed."""
+    found = runs.logs()
+    return runs.write_run(tmp_path / "runs" / "2026-03-13T02-00-00Z_84f3039", found, runs.unchanged(found))

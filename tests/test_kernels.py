@@ -1,3 +1,5 @@
+"""Compiled kernels that no longer match their sources are dropped, and no others."""
+
 import importlib
 import os
 import subprocess

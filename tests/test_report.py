@@ -1,6 +1,5 @@
 """What a regression run amounts to, and its page; nothing in its files can make it say something else."""
 
-import pathlib
 import xml.etree.ElementTree as ET
 
 import pyarrow.parquet as pq
@@ -16,17 +15,6 @@ from replay.regress.reports.reading import read_run
 from replay.style import styles
 
 HOSTILE = "<img src=x onerror=alert(1)>\"'\x1b[2J\u202e|`[x](javascript:alert(1)) @all ]]>\ud800"
-
-
-@pytest.fixture
-def failed(tmp_path: pathlib.Path) -> pathlib.Path:
-    return maker.regressed(tmp_path / "runs" / "2026-03-14T02-00-00Z_84f303a")
-
-
-@pytest.fixture
-def passed(tmp_path: pathlib.Path) -> pathlib.Path:
-    found = maker.logs()
-    return maker.write_run(tmp_path / "runs" / "2026-03-13T02-00-00Z_84f3039", found, maker.unchanged(found))
 
 
 # ---- the verdict

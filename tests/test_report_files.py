@@ -1,7 +1,6 @@
 """The reports for programs, the trend over earlier runs, damaged runs, and the command."""
 
 import json
-import pathlib
 import xml.etree.ElementTree as ET
 from typing import Any
 
@@ -19,18 +18,6 @@ from replay.regress.reports.html import page
 from replay.regress.reports.junit import junit
 from replay.regress.reports.markdown import markdown
 from replay.regress.reports.reading import read_run
-
-
-@pytest.fixture
-def failed(tmp_path: pathlib.Path) -> pathlib.Path:
-    return maker.regressed(tmp_path / "runs" / "2026-03-14T02-00-00Z_84f303a")
-
-
-@pytest.fixture
-def passed(tmp_path: pathlib.Path) -> pathlib.Path:
-    found = maker.logs()
-    return maker.write_run(tmp_path / "runs" / "2026-03-13T02-00-00Z_84f3039", found, maker.unchanged(found))
-
 
 # ---- the other formats
 
@@ -120,6 +107,13 @@ def test_a_clearance_without_obstacles_is_null_not_a_number(tmp_path):
     make_report(run)
     assert pq.read_table(run / "rows.parquet").to_pylist()[0]["min_clearance"] is None
     Page((run / "report.html").read_text())
+
+
+def test_a_count_that_no_column_can_hold_is_null(tmp_path):
+    entry = maker.log("open_00", 0, ["scp"])
+    entry["cases"][0]["methods"][0]["metrics"]["cusps"] = 10**30
+    make_report(maker.write_run(tmp_path / "run", [entry]))
+    assert pq.read_table(tmp_path / "run" / "rows.parquet").to_pylist()[0]["cusps"] is None
 
 
 # ---- files that are damaged or missing

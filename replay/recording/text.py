@@ -49,9 +49,9 @@ def number(value: float | None, digits: int = 2) -> str:
 
 def change(before: float, after: float) -> str:
     """Relative change in per cent, signed: '−20 %', '−0.4 %'."""
-    if not (math.isfinite(before) and math.isfinite(after)) or before == 0.0:
+    percent = 100.0 * (after - before) / abs(before) if before else math.nan
+    if not math.isfinite(percent):
         return "–"
-    percent = 100.0 * (after - before) / abs(before)
     shown = f"{percent:+.0f}" if abs(percent) >= 0.95 else f"{percent:+.1f}"
     return f"{shown} %".replace("-", "−") if float(shown) else "±0 %"
 
