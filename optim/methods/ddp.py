@@ -176,23 +176,33 @@ class _Teller:
             "clearance": clear / self.options.clearance_tolerance,
         }
 
+    def _lacking(self, descent: Descent) -> str:
+        """What the last descent did not keep, in words."""
+        goal, hitch, clear = descent.residuals.violation
+        options, lacking = self.options, []
+        if goal > options.goal_tolerance:
+            lacking.append(f"the goal is missed by {goal:.2g} m or rad")
+        if hitch > options.clearance_tolerance:
+            lacking.append(f"the hitch angle is {hitch:.2g} rad beyond its limit")
+        if clear > options.clearance_tolerance:
+            lacking.append(f"{clear:.2g} m of clearance are missing")
+        if descent.gap > LARGEST_GAP:
+            lacking.append(f"shots do not meet by {descent.gap:.2g} m or rad")
+        return ", ".join(lacking) or "clearance is missing between the knots"
+
     def result(self, descent: Descent, finding: Finding | None) -> Result:
         """The path found where it is better, and why it ended."""
         path = self.problem.initial
         if finding is not None and finding.value < self.value:
             path = finding.path
-        goal, hitch, clear = descent.residuals.violation
-        numbers = (
-            f"projected gradient {descent.gradient:.1e}, goal missed by {goal:.1e}, "
-            f"hitch angle over by {hitch:.1e} rad, clearance short by {clear:.1e} m, gap {descent.gap:.1e}"
-        )
+        gradient = f"projected gradient {descent.gradient:.1e}"
         if finding is None:
-            stop, reason = Stop.INFEASIBLE, f"no path found keeps everything: {numbers}"
+            stop, reason = Stop.INFEASIBLE, f"no path found keeps everything: {self._lacking(descent)}; {gradient}"
         elif descent.gradient <= self.options.gradient_tolerance:
-            stop, reason = Stop.CONVERGED, numbers
+            stop, reason = Stop.CONVERGED, f"converged: {gradient}"
         else:
             stop = Stop.STALLED if descent.end is End.STALLED else Stop.ITERATION_LIMIT
-            reason = f"feasible, yet not stationary: {numbers}"
+            reason = f"all constraints are kept, yet it is not stationary: {gradient}"
         self.count += 1
         final = self._over_tolerance(descent, descent.residuals) if path is not self.problem.initial else {}
         self._tell(path, 0.0, 0.0, final)
