@@ -128,3 +128,14 @@ def test_outlines_end_where_the_map_is_cut_off_so_that_none_crosses_the_legend(t
     assert places[:, 0].max() <= frame.x1 + 1e-3
     assert places[:, 1].min() >= frame.y0 - 1e-3
     assert places[:, 1].max() <= frame.y1 + 1e-3
+
+
+def test_in_plots_the_line_of_the_best_path_is_the_widest(five: Run, five_read: Contents) -> None:
+    assert five.best is not None
+    names = ["recorded", *(method.name for method in five.methods if method.status == "improved")]
+    widths = {}
+    for name in names:
+        ((width,),) = five_read.rows(f"/signals/steering_deg/{name}", "SeriesLines:widths")
+        widths[name] = width
+    assert max(widths, key=lambda name: widths[name]) == five.best.name
+    assert sorted(widths.values())[-2] < widths[five.best.name]

@@ -57,13 +57,16 @@ def limits_of(problem: Problem) -> Mapping[str, tuple[float, ...]]:
     return limits | ({"clearance_m": (problem.required_clearance,)} if problem.scene.polygons else {})
 
 
-def log_signals(rec: rr.RecordingStream, problem: Problem, tracks: list[Track]) -> None:
-    """All signals of all paths of their own, those of iterates, and the limits."""
+def log_signals(rec: rr.RecordingStream, problem: Problem, tracks: list[Track], best: Track | None) -> None:
+    """All signals of all paths of their own, those of iterates, and the limits.
+
+    The best path's line is the widest, so that an equal one drawn over it does not hide it.
+    """
     for track in tracks:
         look = rr.SeriesLines(
             colors=[track.style.colour],
             names=[plain(track.style.label)],
-            widths=[3.0 if track.status == "recorded" else 2.0],
+            widths=[4.0 if track is best else 3.0 if track.status == "recorded" else 2.0],
         )
         if track.is_own or track.iterates:
             _log_gear(rec, track)
