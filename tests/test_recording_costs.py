@@ -45,3 +45,20 @@ def test_points_and_cost_map_are_drawn_where_they_are_also_far_from_the_origin(
     np.testing.assert_allclose(free, [[3.0, 4.0] - shift, [5.0, 6.0] - shift])
     ((corner,),) = contents.rows("/scene/cpo/cost/map", "Transform3D:translation")
     np.testing.assert_allclose(corner[:2], [-1.25, -2.25] - shift)
+
+
+def test_of_the_cost_map_only_what_lies_on_the_map_is_drawn(tmp_path: pathlib.Path) -> None:
+    costs = np.ones((400, 500))
+    drawn = Picture(
+        points=np.zeros((2, 2)), anchored=np.zeros(2, bool), cost_map=costs, origin=(-60.0, -20.0), resolution=0.25
+    )
+    run = factory.make_run({"cpo": Pictured(drawn)})
+    boundary = run.case.problem.scene.boundary
+    assert boundary is not None
+    (x0, y0), (x1, y1) = boundary.min(axis=0), boundary.max(axis=0)
+    contents = Contents(written(run, tmp_path))
+    ((corner,),) = contents.rows("/scene/cpo/cost/map", "Transform3D:translation")
+    ((format_,),) = contents.rows("/scene/cpo/cost/map", "Image:format")
+    assert (corner[0], corner[1]) == pytest.approx((x0 - 0.125, y0 - 0.125))
+    size = format_["width"], format_["height"]
+    assert size == (round((x1 - x0) / 0.25) + 1, round((y1 - y0) / 0.25) + 1)

@@ -97,7 +97,7 @@ def fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Array
     for track in tracks:
         scene.log_iterates(rec, track)
         scene.log_rejected(rec, track, frame)
-    cost_legends = costs.log_costs(rec, tracks, frame)
+    cost_legends = costs.log_costs(rec, problem.scene, tracks, frame)
     signals.log_signals(rec, problem, tracks, best)
     progress, residuals = convergence.main_plots(tracks), convergence.residual_plots(tracks)
     convergence.log_plots(rec, progress + residuals)
