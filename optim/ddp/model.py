@@ -147,11 +147,13 @@ class TruckModel:
         self.lagrangian.hitch_multiplier[:] = other.lagrangian.hitch_multiplier[knot] * share[:, None]
 
     def expand(self, states: Array, controls: Array, curvature: bool) -> tuple[float, Expansion]:
+        """As `solver.Model` asks for it; features are listed anew where that is needed."""
         self.refresh(states)
         place = (self.stages, self._scene, self.problem.vehicle.footprints, self.rows, self.lagrangian)
         return expand(*place, states, controls, curvature, self.expansion), self.expansion
 
     def roll_out(self, states: Array, controls: Array, policy: Policy, step: float, out: tuple[Array, Array]) -> float:
+        """As `solver.Model` asks for it; infinite where a knot moves out of the reach of its list of features."""
         place = (self.stages, self._scene, self.problem.vehicle.footprints, self.rows, self.lagrangian)
         return roll_out(*place, self.expansion, states, controls, policy, step, self.reach, *out)
 
