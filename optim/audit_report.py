@@ -15,8 +15,10 @@ class Check:
 
     passed: bool
     sentence: str
+    """For people: what was found, and its limit."""
     values: Mapping[str, float]
     limits: Mapping[str, float]
+    """Of those values that decide."""
     place: Mapping[str, float | int | str] | None = None
     """Where it is worst: `segment` (index), `s` (arc length in it [m]), `body`, `polygon` (index)."""
 

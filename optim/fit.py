@@ -74,12 +74,16 @@ def fit_path(
 ) -> Fit:
     """The drivable path through logged poses.
 
-    poses: (n, 3) x [m], y [m], heading [rad, unwrapped]; neighbours differ in position. direction: (n - 1,), the
-    gear of each interval. alpha: (n,) logged hitch angles, or None; then the hitch angle is integrated from
-    `initial_hitch`. sigma: (n, 2), expected errors of each position [m] and heading [rad], at least those of the
-    options; where that of a heading is infinite, the heading is not known, at the ends neither. bounds: what the path
-    is to keep; goal_hitch: the hitch angle [rad] with which it is to end, however little the poses say of it; start:
-    an earlier fit of the same poses to begin with.
+    Args:
+        poses: x [m], y [m], heading [rad, unwrapped]; neighbours differ in position. Shape (n, 3).
+        direction: the gear of each interval, 1 or -1. Shape (n - 1,).
+        alpha: logged hitch angles [rad], shape (n,), or None: then integrated from `initial_hitch` [rad].
+        sigma: expected errors of each position [m] and heading [rad], at least those of the options; where that of
+            a heading is infinite, the heading is not known, at the ends neither. Shape (n, 2).
+        bounds: what the path is to keep besides the kinematics.
+        goal_hitch: the hitch angle [rad] with which it is to end, however little the poses say of it.
+        start: an earlier fit of the same poses to begin with.
+
     Raises ValueError for fewer than two poses or unequal lengths.
     """
     options = options or FitOptions()

@@ -59,7 +59,7 @@ class Layout(NamedTuple):
     left: IntArray  # (M,) first knot of each step
     interval: IntArray  # (M,) logged interval of each step
     pieces: IntArray  # (n - 1,) steps of each logged interval
-    direction: IntArray  # (M,)
+    direction: IntArray  # (M,) gear of each step
     num_knots: int
 
 
@@ -69,12 +69,12 @@ class Task(NamedTuple):
     vehicle: Vehicle
     poses: Array  # (n, 3)
     trust: Array  # (n, 2) 1 / expected error of position [1/m] and heading [1/rad]; 0 where there is none
-    alpha: Array | None  # (n,)
-    initial_hitch: float
+    alpha: Array | None  # (n,) [rad]
+    initial_hitch: float  # [rad]
     layout: Layout
     options: FitOptions
     bounds: Bounds | None = None
-    goal_hitch: float | None = None
+    goal_hitch: float | None = None  # [rad]
 
 
 def gaps_of(task: Task, knots: Array, lengths: Array) -> tuple[Array, Array]:
@@ -142,6 +142,7 @@ class _Triplets:
         self.count += len(right)
 
     def matrix(self, width: int) -> tuple[sparse.csc_matrix, Array]:
+        """The rows with `width` columns, and their right-hand sides."""
         where = (np.concatenate(self.rows), np.concatenate(self.cols))
         data = np.concatenate(self.values)
         return sparse.csc_matrix((data, where), shape=(self.count, width)), np.concatenate(self.right)

@@ -14,7 +14,7 @@ from optim.vehicle import Vehicle
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Problem:
-    """Improve `recorded` in `scene`: same first state, same last state, less J."""
+    """Improve `recorded` in `scene` for `vehicle`: same first state, same last state, less J with `weights`."""
 
     vehicle: Vehicle
     scene: Scene

@@ -68,6 +68,7 @@ class Result:
     reason: str
     """One sentence for the user."""
     iterations: int
+    """In the method's own counting, those that were turned down among them."""
     picture: Picture | None = None
     """Of methods that move points through a map of costs."""
 

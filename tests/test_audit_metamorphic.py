@@ -48,7 +48,7 @@ def test_more_samples_of_the_same_motion_change_no_verdict(name: str) -> None:
 
 @settings(max_examples=12)
 @given(name=names, share=st.floats(0.05, 0.95), seed=st.integers(0, 9))
-def test_wherever_they_are(name: str, share: float, seed: int) -> None:
+def test_a_few_more_samples_anywhere_change_no_verdict(name: str, share: float, seed: int) -> None:
     case = refined(damaged(name), share, np.random.default_rng(seed))
     assert audited(case).failed == audited(damaged(name)).failed
 

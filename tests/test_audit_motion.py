@@ -124,7 +124,7 @@ def test_the_integrator_agrees_with_the_model() -> None:
         assert np.abs(ends - track.after[1:5]).max() < 1e-9
 
 
-def test_a_coarser_substep_is_not_needed_and_a_finer_one_changes_nothing() -> None:
+def test_a_finer_substep_of_the_integration_changes_nothing() -> None:
     truck, track = read_vehicle(SOUND["vehicle"]), read_path(SOUND["path"], "path")
     coarse, fine = (integrate(truck, track, step)[0] for step in (0.01, 0.001))
     assert np.abs(coarse - fine).max() < 1e-10

@@ -232,10 +232,11 @@ def test_a_state_at_its_limit_is_connected():
     assert connections(VEHICLE, flat, Flat(40.0, 20.0, 1.0, 0.0, 0.0), 1)
 
 
-def test_identical_states_do_not_fail():
+def test_from_a_state_to_itself_there_are_only_full_turns():
     here = Flat(1.0, 2.0, 0.5, 0.0, 0.0)
-    for connection in connections(VEHICLE, here, here, 1):
-        assert connection.trailer_length > 20.0
+    found = connections(VEHICLE, here, here, 1)
+    assert found
+    assert found[0].trailer_length > 2.0 * math.pi / VEHICLE.max_kappa
 
 
 def test_far_coordinates_keep_their_precision():

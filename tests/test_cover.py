@@ -17,7 +17,7 @@ def squares(cells: np.ndarray) -> np.ndarray:
 
 
 def assert_covers(cells: np.ndarray, polygons: list[np.ndarray]) -> float:
-    """Checks that every occupied square is in the union; returns the area besides, as a share."""
+    """Every occupied square must be in the union; what that covers besides, as a share of the occupied area."""
     union = shapely.union_all([shapely.Polygon(polygon) for polygon in polygons])
     assert shapely.contains(shapely.buffer(union, 1e-9), squares(cells)).all()
     return union.area / cells.sum() - 1.0 if cells.any() else union.area
@@ -34,7 +34,7 @@ def test_every_cell_is_covered_by_convex_polygons_within_the_budget(cells: np.nd
 
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0.02, 0.98), max_extra=st.sampled_from([0.0, 0.05, 1.0]))
-def test_larger_grids_too(seed: int, share: float, max_extra: float) -> None:
+def test_every_cell_of_a_larger_grid_is_covered_within_the_budget(seed: int, share: float, max_extra: float) -> None:
     cells = np.random.default_rng(seed).random((30, 40)) < share
     assert assert_covers(cells, cover_cells(cells, 1.0, max_extra=max_extra)) <= max_extra + 1e-9
 

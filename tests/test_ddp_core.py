@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from car_parking import LIMITS, START, STEPS, CarParking
+from car_parking import LIMITS, START, STEPS, CarParking, advance
 
 from optim.ddp.backward import Expansion, Policy, backward_pass, new_expansion, new_policy
 from optim.ddp.boxqp import AT_HIGH, AT_LOW, FREE, box_qp
@@ -140,15 +140,13 @@ def test_the_cars_derivatives_agree_with_finite_differences(curvature):
     fz, fzz, gap = e.fz.copy(), e.fzz.copy(), np.empty((STEPS, 4))
     step = 1e-6
     out = np.empty(4)
-    import car_parking
-
     for j in range(6):
         ends = []
         for sign in (1.0, -1.0):
             x, u = states.copy(), controls.copy()
             (x if j < 4 else u)[:, j % 4 if j < 4 else j - 4] += sign * step
             for k in range(STEPS):
-                car_parking.advance(x[k], u[k, 0], u[k, 1], out)
+                advance(x[k], u[k, 0], u[k, 1], out)
                 gap[k] = out
             ends.append((gap.copy(), model.expand(x, u, curvature)[1].fz.copy()))
         np.testing.assert_allclose((ends[0][0] - ends[1][0]) / (2 * step), fz[:, :, j], atol=1e-8)

@@ -26,10 +26,10 @@ _CURVATURE = 1e-10  # pairs with less curvature than this, relative to their siz
 class Descent(NamedTuple):
     """Where it ended."""
 
-    points: Array  # (M, 2)
-    value: float
+    points: Array  # (M, 2) [m]
+    value: float  # F
     iterations: int
-    evaluations: int
+    evaluations: int  # of F
     converged: bool
 
 

@@ -22,6 +22,7 @@ class Track:
     """The recorded trailer axle of one segment, in the order of its heading."""
 
     direction: int
+    """+1 forward, -1 reverse."""
     flat: Array
     """x, y [m], heading [rad], kappa [1/m], sigma [1/m^2] of the samples. Shape (n, 5)."""
     share: Array
@@ -31,6 +32,7 @@ class Track:
 
     @staticmethod
     def of(vehicle: Vehicle, segment: Segment) -> "Track":
+        """The track of a segment; a reverse one is read from its end."""
         flat = flat_from_state(vehicle, segment.states, segment.phi)[:: segment.direction]
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(flat[:, :2], axis=0).T))])
         return Track(segment.direction, flat, along / along[-1], float(along[-1]))

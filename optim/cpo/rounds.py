@@ -38,13 +38,17 @@ class Settings:
     problem: Problem
     terms: Terms
     spacing: float
+    """Between points [m]."""
     rounds: int
     sweeps: int
     memory: int
+    """Pairs of steps and gradients that the minimiser keeps."""
     max_iterations: int
     tolerance: float
     max_step: float
+    """[m]."""
     sample_spacing: float
+    """Between samples of the stretch [m]."""
 
 
 class Check(NamedTuple):
@@ -59,6 +63,7 @@ class Check(NamedTuple):
 
     @property
     def is_kept(self) -> bool:
+        """Whether it fails nowhere."""
         return not self.fails.any()
 
     def __str__(self) -> str:
@@ -71,12 +76,13 @@ class Trial(NamedTuple):
     row: Row
     stretch: Stretch | None  # None where no curve beside the points was found
     checks: tuple[Check, ...]
-    round: int
-    iterations: int
+    round: int  # from 1
+    iterations: int  # of the minimiser
     step: float  # largest distance of a point from where it was recorded [m]
 
     @property
     def is_sound(self) -> bool:
+        """Whether there is a stretch that keeps everything."""
         return self.stretch is not None and all(check.is_kept for check in self.checks)
 
 

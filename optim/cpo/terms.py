@@ -49,7 +49,7 @@ class Terms:
     discs: Discs
     field: DistanceField
     d_max: float
-    """[m]."""
+    """Discs nearer to an obstacle than this cost [m]."""
     obstacle: float
     """w_o [1/m^4]."""
     curvature: float

@@ -37,6 +37,7 @@ class Plan:
     regularisation: float = 1.0
     """Of the first inner iteration."""
     curvature: bool = True
+    """Whether second derivatives are used at all."""
     second_from: int = 1
     """The first round that uses second derivatives; before, Gauss-Newton, which is steadier far away."""
     reach: float = 1.0
@@ -64,6 +65,7 @@ class Descent:
 
     @property
     def knots(self) -> Knots:
+        """Where it stands, as knots."""
         return knots_from(self.states, self.layout)
 
     @property

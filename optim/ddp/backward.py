@@ -90,6 +90,7 @@ def new_expansion(stages: int, n: int, m: int, curved: int = 0, moving_bounds: b
 
 
 def new_policy(stages: int, n: int, m: int) -> Policy:
+    """The policy that changes nothing."""
     return Policy(np.zeros((stages, m)), np.zeros((stages, m, n)))
 
 

@@ -22,6 +22,8 @@ HITCH_ROOM = 2e-4
 """The hitch angle stays that far from its limit at knots [rad], since between knots it may be larger."""
 MOST_POLYGONS = 6
 """Polygons near one body at one knot that are looked at, the nearest ones."""
+_STALE = 0.1  # share of the reach; where knots have moved farther, the list of features is made anew
+_ROOM = 2048  # features to begin with; where there are more, the list is made anew
 
 
 class Residuals(NamedTuple):
@@ -86,7 +88,11 @@ def knots_from(states: Array, knots: Knots) -> Knots:
 
 
 class TruckModel:
-    """Stages, constraints and their multipliers; `solver.Model`."""
+    """Stages, constraints and their multipliers; `solver.Model`.
+
+    required: clearance at each knot by truck and trailer [m], shape (K, 2); reach: of the list of features [m];
+    curvature: whether there is room for second derivatives.
+    """
 
     def __init__(self, problem: Problem, knots: Knots, required: Array, reach: float, curvature: bool) -> None:
         self.problem = problem
@@ -112,13 +118,13 @@ class TruckModel:
         return self.problem.scene.packed
 
     def refresh(self, states: Array) -> None:
-        """List the features near each knot anew, multipliers kept, if the knots have moved by a tenth of the reach."""
+        """List the features near each knot anew, multipliers kept, if a knot has moved by `_STALE` of the reach."""
         if self._listed is not None:
             moved = np.abs(states[:, :4] - self._listed).max(axis=0) * (1.0, 1.0, LEVER, LEVER)
-            if moved.max() < 0.1 * self.reach:
+            if moved.max() < _STALE * self.reach:
                 return
         self._listed = states[:, :4].copy()
-        vehicle, room = self.problem.vehicle, max(2048, len(self.rows.body))
+        vehicle, room = self.problem.vehicle, max(_ROOM, len(self.rows.body))
         first = np.zeros(len(states) + 1, np.int64)
         while True:
             body, polygon, feature = (np.empty(room, np.int64) for _ in range(3))
@@ -141,11 +147,13 @@ class TruckModel:
         self.lagrangian.hitch_multiplier[:] = other.lagrangian.hitch_multiplier[knot] * share[:, None]
 
     def expand(self, states: Array, controls: Array, curvature: bool) -> tuple[float, Expansion]:
+        """As `solver.Model` asks for it; features are listed anew where that is needed."""
         self.refresh(states)
         place = (self.stages, self._scene, self.problem.vehicle.footprints, self.rows, self.lagrangian)
         return expand(*place, states, controls, curvature, self.expansion), self.expansion
 
     def roll_out(self, states: Array, controls: Array, policy: Policy, step: float, out: tuple[Array, Array]) -> float:
+        """As `solver.Model` asks for it; infinite where a knot moves out of the reach of its list of features."""
         place = (self.stages, self._scene, self.problem.vehicle.footprints, self.rows, self.lagrangian)
         return roll_out(*place, self.expansion, states, controls, policy, step, self.reach, *out)
 

@@ -13,6 +13,7 @@ What is given back is the best path seen that keeps everything, judged by J of t
 counts in that only if it keeps everything itself: a recorded path may not.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -61,18 +62,16 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Report:
-    """An iterate at knots, as an optimiser tells it."""
+    """An iterate at knots, as an optimiser tells it; everything but the knots as in `optim.result.Iterate`."""
 
     knots: Knots
     objective: float
-    """J [-]."""
     violation: float
-    """Largest violation of a constraint, in the optimiser's own scaling."""
     step: float = 0.0
     residuals: Mapping[str, float] = field(default_factory=dict)
     accepted: bool = True
-    trust_region: float = float("nan")
-    solver_s: float = float("nan")
+    trust_region: float = math.nan
+    solver_s: float = math.nan
 
 
 Tell = Callable[[Report], None]
@@ -119,15 +118,12 @@ class _Teller:
     def __call__(self, report: Report) -> None:
         self.count += 1
         path = path_of(self.problem.vehicle, report.knots, self.problem.initial)
-        fields = {name: getattr(report, name) for name in _TOLD}
+        fields = {name: value for name, value in vars(report).items() if name != "knots"}
         self.on_iterate(Iterate(iteration=self.count, path=path, **fields))
 
     def last(self, path: Path) -> None:
         self.count += 1
         self.on_iterate(Iterate(iteration=self.count, path=path, objective=_value(self.problem, path)))
-
-
-_TOLD = ("objective", "violation", "step", "residuals", "accepted", "trust_region", "solver_s")
 
 
 def improve(problem: Problem, solve: AtKnots, options: RoundOptions, on_iterate: OnIterate = ignore) -> Result:

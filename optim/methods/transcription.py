@@ -57,6 +57,7 @@ class Knots:
 
     @property
     def num_cusps(self) -> int:
+        """Number of gear changes."""
         return int(np.count_nonzero(self.gear == 0))
 
     @property

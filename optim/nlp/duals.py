@@ -27,15 +27,17 @@ class Pairs:
     knot: IntArray
     """Shape (P,)."""
     body: IntArray
-    """Shape (P,)."""
+    """0 the truck, 1 the trailer. Shape (P,)."""
     polygon: IntArray
-    """Shape (P,)."""
+    """Index in Scene.polygons. Shape (P,)."""
 
     def keys(self) -> set[tuple[int, int, int]]:
+        """Knot, body, polygon of each."""
         return set(zip(self.knot.tolist(), self.body.tolist(), self.polygon.tolist(), strict=True))
 
     @staticmethod
     def of(keys: set[tuple[int, int, int]]) -> "Pairs":
+        """The pairs with these keys, in order."""
         table = np.array(sorted(keys), dtype=np.int64).reshape(-1, 3)
         return Pairs(table[:, 0], table[:, 1], table[:, 2])
 

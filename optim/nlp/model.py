@@ -25,19 +25,24 @@ class Program:
     """min f(x) s.t. low_g <= g(x) <= high_g, low <= x <= high, in CasADi's terms."""
 
     nlp: dict[str, Any]
+    """x, f and g as symbols."""
     start: Array
+    """x to begin with. Shape (size of x,), as `low` and `high`."""
     low: Array
     high: Array
     low_g: Array
+    """Shape (size of g,), as `high_g`."""
     high_g: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """Where positions are counted from, and the unit of length [m]."""
+    """Of the program."""
 
     origin: Array
+    """Where positions are counted from [m]. Shape (2,)."""
     length: float
+    """The unit of length [m]."""
 
 
 class _Columns:
@@ -51,6 +56,7 @@ class _Columns:
         """Of unknowns only."""
 
     def add(self, symbol: Any, low: Array, high: Array, start: Array | None = None) -> Any:
+        """Take in a block and give its symbol back."""
         self.symbols.append(symbol)
         self.low.append(np.ravel(low))
         self.high.append(np.ravel(high))

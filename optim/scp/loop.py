@@ -64,9 +64,11 @@ class _Point:
 
     @property
     def violation(self) -> float:
+        """The largest of all."""
         return max(float(np.abs(self.defects).max()), float(self.missing.max()), float(self.excess.max()))
 
     def merit(self, penalty: Penalty) -> float:
+        """m of the module's docstring."""
         smooth = (penalty.dynamics * self.defects).sum() + (penalty.clearance * self.missing).sum()
         square = (self.defects**2).sum() + (self.missing**2).sum() + (self.excess**2).sum()
         return self.objective + float(smooth) + 0.5 * penalty.weight * float(square)

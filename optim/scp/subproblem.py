@@ -82,7 +82,14 @@ def solve_subproblem(
     solver: str,
     time_limit: float,
 ) -> Step:
-    """The step that minimises the convex model within the trust region."""
+    """The step that minimises the convex model within the trust region.
+
+    Args:
+        near: the model, and the knots that it is of.
+        radius: of the trust region [-]; angles and step lengths in scaled units may change by a share of it each.
+        solver: as `optim.methods.scp.Scp.solver` names it.
+        time_limit: what Clarabel may take [s]; other solvers end by themselves.
+    """
     stated = statement(bucket(len(near.knots.phi)))
     values = parameter_values(stated.num_knots, vehicle, near, scales, limits, penalty, radius)
     if solver == "clarabel":
