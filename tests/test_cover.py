@@ -34,7 +34,7 @@ def test_every_cell_is_covered_by_convex_polygons_within_the_budget(cells: np.nd
 
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), share=st.floats(0.02, 0.98), max_extra=st.sampled_from([0.0, 0.05, 1.0]))
-def test_larger_grids_too(seed: int, share: float, max_extra: float) -> None:
+def test_larger_grids_are_covered_within_the_budget_too(seed: int, share: float, max_extra: float) -> None:
     cells = np.random.default_rng(seed).random((30, 40)) < share
     assert assert_covers(cells, cover_cells(cells, 1.0, max_extra=max_extra)) <= max_extra + 1e-9
 
