@@ -8,6 +8,7 @@ from functools import partial
 import logs_maker as make
 import pytest
 import recording_factory as factory
+import run_maker as maker
 from hypothesis import settings
 from recording_reading import Contents, written
 
@@ -69,6 +70,19 @@ def five_file(five: Run, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Pa
 @pytest.fixture(scope="session")
 def five_read(five_file: pathlib.Path) -> Contents:
     return Contents(five_file)
+
+
+@pytest.fixture
+def failed_run(tmp_path: pathlib.Path) -> pathlib.Path:
+    """The folder of a regression run in which some results got worse."""
+    return maker.regressed(tmp_path / "runs" / "2026-03-14T02-00-00Z_84f303a")
+
+
+@pytest.fixture
+def passed_run(tmp_path: pathlib.Path) -> pathlib.Path:
+    """The folder of a regression run, of the night before that, in which nothing changed."""
+    found = maker.logs()
+    return maker.write_run(tmp_path / "runs" / "2026-03-13T02-00-00Z_84f3039", found, maker.unchanged(found))
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Random drivable paths for the tests: forward and reverse segments, limits kept, reverse ones held by feedback."""
+"""Drivable paths for the tests: straight ones, and random ones that keep the limits, in reverse held by feedback."""
 
 import math
 
@@ -57,6 +57,21 @@ def random_path(
     for k, length in enumerate(lengths):
         direction = first_direction * (-1) ** k
         segments.append(random_segment(vehicle, state, direction, length, seed + 97 * k, spacing, turning))
+        state = segments[-1].states[-1]
+    return Path(tuple(segments))
+
+
+def straight(*lengths: float, weave: float = 0.0) -> Path:
+    """Along the x axis from the origin, by lengths [m] that are negative in reverse; with a weave it leaves the axis.
+
+    Samples are at most 0.1 m apart; `weave` is the largest steering angle [rad].
+    """
+    segments: list[Segment] = []
+    state = np.zeros(4)
+    for length in lengths:
+        s = np.linspace(0.0, abs(length), math.ceil(abs(length) / 0.1) + 1)
+        phi = weave * np.sin(2 * np.pi * s / abs(length))
+        segments.append(roll_out_segment(Vehicle(), state, 1 if length > 0 else -1, s, phi))
         state = segments[-1].states[-1]
     return Path(tuple(segments))
 

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from paths import random_path
+from paths import random_path, straight
 
 import replay.results
-from optim.path import Path, roll_out_segment
+from optim.path import Path
 from optim.problem import Problem
 from optim.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.scene import make_scene
@@ -37,16 +37,6 @@ from replay.run import Run, run_case
 
 Document = dict[str, Any]
 VEHICLE = Vehicle()
-
-
-def straight(*lengths: float) -> Path:
-    """Along the x axis from the origin, forward where positive."""
-    segments, state = [], np.zeros(4)
-    for length in lengths:
-        s = np.linspace(0.0, abs(length), math.ceil(abs(length) / 0.1) + 1)
-        segments.append(roll_out_segment(VEHICLE, state, 1 if length > 0 else -1, s, np.zeros(len(s))))
-        state = segments[-1].states[-1]
-    return Path(tuple(segments))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -8,11 +8,12 @@ import pathlib
 import numpy as np
 import pytest
 from numba import njit
+from paths import straight
 from rich.console import Console
 
 from optim.methods.chain import Chain
 from optim.objective import Weights
-from optim.path import Path, roll_out_segment
+from optim.path import Path
 from optim.problem import Problem
 from optim.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.scene import make_scene
@@ -23,17 +24,6 @@ from replay.tables import result_table, verdict
 
 VEHICLE = Vehicle()
 BLOCK = np.array([[0.0, 6.0], [4.0, 6.0], [4.0, 9.0], [0.0, 9.0]])
-
-
-def straight(*lengths: float, weave: float = 0.0) -> Path:
-    """Along the x axis from the origin, forward where positive; with a weave it leaves the axis."""
-    segments, state = [], np.zeros(4)
-    for length in lengths:
-        s = np.linspace(0.0, abs(length), math.ceil(abs(length) / 0.1) + 1)
-        phi = weave * np.sin(2 * np.pi * s / abs(length))
-        segments.append(roll_out_segment(VEHICLE, state, 1 if length > 0 else -1, s, phi))
-        state = segments[-1].states[-1]
-    return Path(tuple(segments))
 
 
 RECORDED = straight(10.0, -4.0, 6.0)  # the same ends as 12 m ahead
