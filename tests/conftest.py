@@ -49,26 +49,31 @@ def five() -> Run:
 
 @pytest.fixture(scope="session")
 def one() -> Run:
+    """One method that improves the path."""
     return factory.make_run()
 
 
 @pytest.fixture(scope="session")
 def one_file(one: Run, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """The recording of `one`."""
     return written(one, tmp_path_factory.mktemp("one"))
 
 
 @pytest.fixture(scope="session")
 def one_read(one_file: pathlib.Path) -> Contents:
+    """What that recording holds."""
     return Contents(one_file)
 
 
 @pytest.fixture(scope="session")
 def five_file(five: Run, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """The recording of `five`."""
     return written(five, tmp_path_factory.mktemp("five"))
 
 
 @pytest.fixture(scope="session")
 def five_read(five_file: pathlib.Path) -> Contents:
+    """What that recording holds."""
     return Contents(five_file)
 
 
