@@ -49,27 +49,45 @@ def five() -> Run:
 
 @pytest.fixture(scope="session")
 def one() -> Run:
+    """One method that improves the path."""
     return factory.make_run()
 
 
 @pytest.fixture(scope="session")
 def one_file(one: Run, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """The recording of `one`."""
     return written(one, tmp_path_factory.mktemp("one"))
 
 
 @pytest.fixture(scope="session")
 def one_read(one_file: pathlib.Path) -> Contents:
+    """What that recording holds."""
     return Contents(one_file)
 
 
 @pytest.fixture(scope="session")
 def five_file(five: Run, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """The recording of `five`."""
     return written(five, tmp_path_factory.mktemp("five"))
 
 
 @pytest.fixture(scope="session")
 def five_read(five_file: pathlib.Path) -> Contents:
+    """What that recording holds."""
     return Contents(five_file)
+
+
+@pytest.fixture
+def failed_run(tmp_path: pathlib.Path) -> pathlib.Path:
+    """The folder of a regression run in which some results got worse."""
+    return maker.regressed(tmp_path / "runs" / "2026-03-14T02-00-00Z_84f303a")
+
+
+@pytest.fixture
+def passed_run(tmp_path: pathlib.Path) -> pathlib.Path:
+    """The folder of a regression run, of the night before that, in which nothing changed."""
+    found = maker.logs()
+    return maker.write_run(tmp_path / "runs" / "2026-03-13T02-00-00Z_84f3039", found, maker.unchanged(found))
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ def text(value: str | bytes) -> bytes:
 
 
 def record(opcode: int, body: bytes, length: int | None = None) -> bytes:
+    """A record; its length is stated rightly unless another is given."""
     return struct.pack("<BQ", opcode, len(body) if length is None else length) + body
 
 
@@ -38,6 +39,7 @@ def chunk(
     crc: int | None = None,
     packed_size: int | None = None,
 ) -> bytes:
+    """A chunk of records; what it states of its content is right unless given otherwise."""
     payload = records if packed is None else packed
     head = struct.pack(
         "<QQQI", 0, 0, len(records) if size is None else size, zlib.crc32(records) if crc is None else crc
@@ -52,16 +54,19 @@ FOOTER = record(2, struct.pack("<QQI", 0, 0, 0))
 
 
 def container(*records: bytes, data_crc: int | None = None, header: bytes = HEADER) -> bytes:
+    """A whole file without summary, with the right checksum of its data unless another is given."""
     body = MAGIC + header + b"".join(records)
     crc = zlib.crc32(body) if data_crc is None else data_crc
     return body + record(15, struct.pack("<I", crc)) + FOOTER + MAGIC
 
 
 def codes(log: Log) -> set[str]:
+    """What was found wrong, by its codes."""
     return {finding.code for finding in log.findings}
 
 
 def some_log(**options: object) -> LogMaker:
+    """Twelve messages of two types on three topics, and a metadata record."""
     maker = LogMaker(**options)  # type: ignore[arg-type]
     for i in range(12):
         kind = "a/msg/B" if i % 3 else "c/D"

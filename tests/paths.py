@@ -61,6 +61,21 @@ def random_path(
     return Path(tuple(segments))
 
 
+def straight(*lengths: float, weave: float = 0.0) -> Path:
+    """Along the x axis from the origin, by lengths [m] that are negative in reverse; with a weave it leaves the axis.
+
+    Samples are at most 0.1 m apart; `weave` is the largest steering angle [rad].
+    """
+    segments: list[Segment] = []
+    state = np.zeros(4)
+    for length in lengths:
+        s = np.linspace(0.0, abs(length), math.ceil(abs(length) / 0.1) + 1)
+        phi = weave * np.sin(2 * np.pi * s / abs(length))
+        segments.append(roll_out_segment(Vehicle(), state, 1 if length > 0 else -1, s, phi))
+        state = segments[-1].states[-1]
+    return Path(tuple(segments))
+
+
 def logged(path: Path, step: int) -> tuple[np.ndarray, np.ndarray]:
     """Every step-th state of each segment and its ends, cusps once; and the gear of each interval."""
     rows, gears = [path.start[None]], []

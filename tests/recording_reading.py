@@ -73,6 +73,7 @@ def names_in_blueprint(path: pathlib.Path) -> set[str]:
 
 
 def written(run: Run, directory: pathlib.Path) -> pathlib.Path:
+    """The recording of a run, written there."""
     path = directory / "run.rrd"
     write_recording(run, path)
     return path

@@ -35,6 +35,7 @@ def make_corpus(folder: pathlib.Path, names: Iterable[str] = ("bay_01", "bay_02"
 
 
 def make_plan(corpus: str, methods: Mapping[str, Method] | None = None, **more: Any) -> Plan:
+    """A plan for a corpus; `more` are fields of `Plan`, and which recordings are kept."""
     found = find_corpus(corpus)
     settings = Settings(methods=dict(methods or {"ddp": METHODS["ddp"]}), recordings=more.pop("recordings", "none"))
     baseline = pathlib.Path(found.baseline) if found.baseline else None
@@ -42,6 +43,7 @@ def make_plan(corpus: str, methods: Mapping[str, Method] | None = None, **more: 
 
 
 def here(jobs: int = 1) -> Execute:
+    """Does jobs in processes of its own."""
     return lambda waiting: run_here(waiting, jobs)
 
 
@@ -63,6 +65,7 @@ def command(*arguments: str, **more: Any) -> subprocess.CompletedProcess[str]:
 
 
 def call(*arguments: str) -> Sequence[str]:
+    """The command `replay` with these arguments."""
     return [*REPLAY, *arguments]
 
 
@@ -73,6 +76,7 @@ def verdicts(store: Store, *wanted: str) -> list[dict[str, Any]]:
 
 
 def attempts(store: Store) -> list[str]:
+    """The logs on which work began, one entry each time."""
     return (store.folder / "attempts").read_text().split()
 
 

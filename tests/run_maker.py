@@ -37,6 +37,7 @@ def audit(passed: bool = True) -> dict[str, Any]:
 
 
 def method(name: str, before: float, scale: float = 1.0, status: str = "improved", **more: Any) -> dict[str, Any]:
+    """The results of a method on a path with J `before`."""
     after = GAIN.get(name, 0.8) * before * scale if status == "improved" else before
     entry = {
         "name": name,
@@ -72,6 +73,7 @@ def log(name: str, number: int, methods: Sequence[str] = METHODS, **more: Any) -
 def verdict(
     name: str, which: str, key: str, verdict: str, before: Any = 1.0, after: Any = 1.0, **more: Any
 ) -> dict[str, Any]:
+    """One entry of verdicts.json."""
     entry = {
         "log": name,
         "case": f"{name}/0",
@@ -129,6 +131,7 @@ def write_run(
 
 
 def logs(count: int = 8) -> list[dict[str, Any]]:
+    """The results of so many logs, a quarter of each class."""
     return [log(f"{CLASSES[i % 4]}_{i:02d}", i) for i in range(count)]
 
 

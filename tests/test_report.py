@@ -37,8 +37,8 @@ def test_without_a_baseline_unfinished_and_empty_are_told_apart(tmp_path):
     assert headline(unfinished) == "Unfinished: 3 of 70 logs done; no regression so far"
 
 
-def test_what_got_worse_is_put_together_by_class_and_told_with_its_size(failed):
-    run = read_run(failed)
+def test_what_got_worse_is_put_together_by_class_and_told_with_its_size(failed_run):
+    run = read_run(failed_run)
     assert headline(run) == "Regression: 1 result crashed, 2 results worse; 3 of 8 logs affected"
     found = {(g.verdict, g.method, g.kind): g for g in groups(run)}
     worse = found["worse", "scp", "narrow"]
@@ -47,8 +47,8 @@ def test_what_got_worse_is_put_together_by_class_and_told_with_its_size(failed):
     assert "scp: objective worse on 2 cases of class narrow, by +0.50 % at the median" in worse.sentence
 
 
-def test_figures_follow_from_the_rows(passed):
-    run = read_run(passed)
+def test_figures_follow_from_the_rows(passed_run):
+    run = read_run(passed_run)
     rows = [row for row in run.rows if row.method == "scp"]
     found = figures(rows)
     product = 1.0
@@ -63,22 +63,22 @@ def test_figures_follow_from_the_rows(passed):
 # ---- the page
 
 
-def test_the_page_is_well_formed_and_says_what_got_worse_before_all_else(failed):
-    made = make_report(failed, accept="replay regress accept RUN")
-    read = Page((failed / "report.html").read_text())
+def test_the_page_is_well_formed_and_says_what_got_worse_before_all_else(failed_run):
+    made = make_report(failed_run, accept="replay regress accept RUN")
+    read = Page((failed_run / "report.html").read_text())
     text = read.text
     assert text.index(str(made.summary["headline"])) < text.index("What changed") < text.index("Methods")
     assert "replay regress accept RUN" in text
-    run = read_run(failed)
+    run = read_run(failed_run)
     worst = next(c for c in run.changes if c.verdict == "worse")
     assert f"{worst.before:.8g}" in text
     assert f"{worst.after:.8g}" in text
     assert {a["href"] for a in read.attributes("a")} == {"./recordings/narrow_01.rrd", "./recordings/narrow_05.rrd"}
 
 
-def test_the_page_fetches_nothing_and_its_policy_forbids_it(failed):
-    make_report(failed)
-    text = (failed / "report.html").read_text()
+def test_the_page_fetches_nothing_and_its_policy_forbids_it(failed_run):
+    make_report(failed_run)
+    text = (failed_run / "report.html").read_text()
     read = Page(text)
     policy = next(m["content"] for m in read.attributes("meta") if m.get("http-equiv") == "Content-Security-Policy")
     assert policy is not None
@@ -92,9 +92,9 @@ def test_the_page_fetches_nothing_and_its_policy_forbids_it(failed):
     assert "https://" not in text
 
 
-def test_curves_have_the_colours_of_the_recordings(passed):
-    make_report(passed)
-    text = (passed / "report.html").read_text()
+def test_curves_have_the_colours_of_the_recordings(passed_run):
+    make_report(passed_run)
+    text = (passed_run / "report.html").read_text()
     for style in styles(maker.METHODS).values():
         assert f"rgb({style.colour[0]} {style.colour[1]} {style.colour[2]})" in text
 

@@ -22,8 +22,8 @@ from replay.regress.reports.reading import read_run
 # ---- the other formats
 
 
-def test_junit_has_one_case_for_each_result_and_failures_name_what_decided(failed):
-    root = ET.fromstring(junit(read_run(failed)))
+def test_junit_has_one_case_for_each_result_and_failures_name_what_decided(failed_run):
+    root = ET.fromstring(junit(read_run(failed_run)))
     assert root.tag == "testsuites"
     cases = root.findall("testsuite/testcase")
     assert len(cases) == 8 * len(maker.METHODS)
@@ -60,8 +60,8 @@ def test_junit_counts_results_that_are_missing_and_logs_that_cannot_be_read(tmp_
     assert [e.get("message") for e in root.iter("error")] == ["odd_01.mcap: no map [E_NO_MAP]"]
 
 
-def test_markdown_is_short_and_has_the_facts(failed):
-    text = markdown(read_run(failed), accept="replay regress accept RUN")
+def test_markdown_is_short_and_has_the_facts(failed_run):
+    text = markdown(read_run(failed_run), accept="replay regress accept RUN")
     lines = text.splitlines()
     assert lines[0] == "### ✗ Regression: 1 result crashed, 2 results worse; 3 of 8 logs affected"
     assert "`replay regress accept RUN`" in lines[-1]
@@ -78,10 +78,10 @@ def test_where_there_is_no_baseline_nothing_is_listed_as_changed(tmp_path):
     assert "What changed" not in page(run, [])
 
 
-def test_parquet_has_typed_columns_with_units(failed):
-    make_report(failed)
-    table = pq.read_table(failed / "rows.parquet")
-    run = read_run(failed)
+def test_parquet_has_typed_columns_with_units(failed_run):
+    make_report(failed_run)
+    table = pq.read_table(failed_run / "rows.parquet")
+    run = read_run(failed_run)
     assert table.num_rows == len(run.rows) == 40
     schema = table.schema
     assert schema.field("length").metadata == {b"unit": b"m"}
@@ -119,13 +119,13 @@ def test_a_count_that_no_column_can_hold_is_null(tmp_path):
 # ---- files that are damaged or missing
 
 
-def test_damaged_files_are_left_out_and_named(passed):
-    (passed / "logs" / "00003.json").write_bytes(b'{"schema": "replay.run.log/1", "log": ')
-    (passed / "logs" / "00004.json").write_text(json.dumps({"schema": "replay.run.log/9"}))
-    (passed / "logs" / "00005.json").write_text(
+def test_damaged_files_are_left_out_and_named(passed_run):
+    (passed_run / "logs" / "00003.json").write_bytes(b'{"schema": "replay.run.log/1", "log": ')
+    (passed_run / "logs" / "00004.json").write_text(json.dumps({"schema": "replay.run.log/9"}))
+    (passed_run / "logs" / "00005.json").write_text(
         json.dumps({"schema": "replay.run.log/1", "log": "x", "cases": [{"case": "x/0", "recorded": [], "methods": 3}]})
     )
-    run = read_run(passed)
+    run = read_run(passed_run)
     assert [line.split(":")[0] for line in run.damaged] == [f"logs/0000{i}.json" for i in (3, 4, 5)]
     assert len(run.logs) == 5
     assert "3 files of this run cannot be read" in Page(page(run, [])).text
@@ -191,14 +191,14 @@ def call(capsys):
     return run
 
 
-def test_the_command_writes_every_report_and_its_status_is_the_runs(call, failed, passed):
-    status, out, err = call("report", failed)
+def test_the_command_writes_every_report_and_its_status_is_the_runs(call, failed_run, passed_run):
+    status, out, err = call("report", failed_run)
     assert status == 1
     assert "Regression: 1 result crashed" in out
     assert not err
-    assert all((failed / name).is_file() for name in FILES)
-    assert not [path for path in failed.iterdir() if path.name.startswith(".")]
-    assert call("report", passed)[0] == 0
+    assert all((failed_run / name).is_file() for name in FILES)
+    assert not [path for path in failed_run.iterdir() if path.name.startswith(".")]
+    assert call("report", passed_run)[0] == 0
 
 
 def test_an_unfinished_run_is_reported_and_called_so(call, tmp_path):
@@ -211,11 +211,11 @@ def test_an_unfinished_run_is_reported_and_called_so(call, tmp_path):
     assert "**Unfinished:**" in (run / "report.md").read_text()
 
 
-def test_the_command_gives_the_summary_as_json(call, failed):
-    status, out, _ = call("report", failed, "--json")
+def test_the_command_gives_the_summary_as_json(call, failed_run):
+    status, out, _ = call("report", failed_run, "--json")
     document = json.loads(out)
     assert document["exit_status"] == status == 1
-    assert document["summary"] == json.loads((failed / "summary.json").read_text())
+    assert document["summary"] == json.loads((failed_run / "summary.json").read_text())
     assert document["summary"]["verdicts"] == {"crashed": 1, "worse": 2, "known": 1, "same": 40}
 
 
@@ -238,9 +238,9 @@ def test_no_run_is_one_line_and_status_2(call, tmp_path):
         assert err.count("\n") == 1
 
 
-def test_reports_that_cannot_be_written_are_one_line(call, passed):
-    (passed / "report.html").mkdir()
-    status, _, err = call("report", passed)
+def test_reports_that_cannot_be_written_are_one_line(call, passed_run):
+    (passed_run / "report.html").mkdir()
+    status, _, err = call("report", passed_run)
     assert status == 1
     assert "report.html" in err
     assert err.count("\n") == 1

@@ -85,8 +85,18 @@ def written(tmp_path: pathlib.Path, document: Document) -> pathlib.Path:
 
 
 @pytest.fixture(scope="module")
-def stored(tmp_path_factory: pytest.TempPathFactory) -> Document:
-    return read_results(written(tmp_path_factory.mktemp("stored"), to_document(RUN)))
+def stored_file(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    return written(tmp_path_factory.mktemp("stored"), to_document(RUN))
+
+
+@pytest.fixture(scope="module")
+def stored(stored_file: pathlib.Path) -> Document:
+    return read_results(stored_file)
+
+
+@pytest.fixture(scope="module")
+def stored_bytes(stored_file: pathlib.Path) -> bytes:
+    return stored_file.read_bytes()
 
 
 # Writing, and reading back.
@@ -258,12 +268,11 @@ def test_no_part_of_a_file_is_taken_for_the_whole(tmp_path: pathlib.Path) -> Non
 @settings(max_examples=60, deadline=None)
 @given(place=st.floats(0.0, 1.0, exclude_max=True), bit=st.integers(0, 7))
 def test_a_flipped_bit_is_an_error_or_a_document_that_can_be_audited(
-    tmp_path_factory: pytest.TempPathFactory, place: float, bit: int
+    tmp_path_factory: pytest.TempPathFactory, stored_bytes: bytes, place: float, bit: int
 ) -> None:
-    folder = tmp_path_factory.getbasetemp()
-    content = bytearray(written(folder, to_document(RUN)).read_bytes())
+    content = bytearray(stored_bytes)
     content[int(place * len(content))] ^= 1 << bit
-    path = folder / "flipped.json"
+    path = tmp_path_factory.getbasetemp() / "flipped.json"
     path.write_bytes(content)
     with contextlib.suppress(ReplayError):
         audit_results(read_results(path))

@@ -108,6 +108,7 @@ def compare(seed: int) -> Compared:
 
 
 def random_vehicle(rng: np.random.Generator) -> Vehicle:
+    """A combination of any usual size, its hitch on the axle or up to 0.8 m off it."""
     length = rng.uniform(3.0, 9.0)
     return Vehicle(
         wheelbase=rng.uniform(2.5, 5.0),

@@ -147,6 +147,7 @@ def results(path: pathlib.Path, data: bytes) -> None:
     audit_results(read_results(path))
 
 
+# named as above; each is given a scratch file and the bytes
 TARGETS: dict[str, Callable[[pathlib.Path, bytes], None]] = {
     each.__name__.removesuffix("_messages"): each
     for each in (container, messages, idl, protobuf, descriptors, json_messages, meaning, metadata, results)

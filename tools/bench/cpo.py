@@ -41,6 +41,7 @@ def start(problem: Problem, num_points: int) -> tuple[Terms, Row]:
 
 
 def in_metric(terms: Terms, row: Row, memory: int) -> Solved:
+    """By our BFGS (L-BFGS where `memory` is small), in the metric of the sum of squares."""
     free = ~row.anchored
     limits = {"max_iterations": MOST_ITERATIONS, "tolerance": 1e-10, "max_step": 0.5}
     done = descend(terms.evaluate, row.points, free, memory=memory, **limits)
@@ -48,6 +49,7 @@ def in_metric(terms: Terms, row: Row, memory: int) -> Solved:
 
 
 def plain(terms: Terms, row: Row, name: str) -> Solved:
+    """By scipy's method of this name, in plain coordinates."""
     free = ~row.anchored
     points = row.points.copy()
 

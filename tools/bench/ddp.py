@@ -35,6 +35,7 @@ STAGES, N, M = 200, 6, 2
 
 
 def linear_quadratic() -> None:
+    """One backward pass beside crocoddyl's, printed."""
     rng = np.random.default_rng(0)
     a, b = np.eye(N) + 0.1 * rng.standard_normal((N, N)), rng.standard_normal((N, M))
     q, r = np.eye(N), np.eye(M)
@@ -62,6 +63,7 @@ def linear_quadratic() -> None:
 
 
 def car_parking() -> None:
+    """Tassa's problem beside pycddp, printed."""
     car: Any = importlib.import_module("car_parking")  # among the tests
 
     print("\ncar parking, T = 500 (Tassa, Mansard, Todorov 2014):")
@@ -112,6 +114,7 @@ def car_parking() -> None:
 
 
 def logs(paths: list[pathlib.Path]) -> None:
+    """What full DDP and iLQR make of logs, and how long they take, printed."""
     methods = {"full": Ddp(), "iLQR": Ddp(hessian="gauss_newton")}
     print("\nJ / gear changes / iterations / CPU [s]\n")
     print("| log | recorded |", " | ".join(methods), "|")

@@ -32,6 +32,7 @@ VEHICLES = {
 
 
 def random_pairs(vehicle: Vehicle, placing: str, count: int) -> list[tuple[Flat, Flat]]:
+    """Start at the origin and end of each pair; `placing` is `around` or `ahead`."""
     rng = np.random.default_rng(0)
     top = 0.6 * vehicle.max_kappa
     pairs = []
@@ -53,6 +54,7 @@ def share(values: list[bool]) -> str:
 
 
 def print_coverage(name: str, vehicle: Vehicle, placing: str, count: int) -> None:
+    """Two rows of the table: forward and reverse."""
     pairs = random_pairs(vehicle, placing, count)
     distances = [math.hypot(end.x, end.y) for _, end in pairs]
     for direction in (1, -1):
@@ -78,6 +80,7 @@ def print_coverage(name: str, vehicle: Vehicle, placing: str, count: int) -> Non
 
 
 def print_sampling(vehicle: Vehicle) -> None:
+    """How long sampling takes, and what intervals miss when integrated again."""
     found = [some for pair in random_pairs(vehicle, "ahead", 200) for some in connections(vehicle, *pair, 1)[:1]]
     begin = time.process_time()
     segments = [connection.segment(0.05) for connection in found]
@@ -100,6 +103,7 @@ def print_sampling(vehicle: Vehicle) -> None:
 
 
 def print_cold_start() -> None:
+    """How long the first call takes without and with compiled code on disk."""
     program = (
         "import time\n"
         "from optim.steering import Flat, connections\n"

@@ -65,6 +65,8 @@ def _cut_short(claim: Claim, rng: Rng) -> bool:
 
 
 def moved_start(column: str) -> Damage:
+    """The recorded start moves away from the path's, by anything from 1 nm (or nrad) to 0.1 m (or rad)."""
+
     def damage(claim: Claim, rng: Rng) -> bool:
         segments(claim, "recorded")[0][column][0] += sign(rng) * 10.0 ** rng.uniform(-9, -1)
         return True

@@ -99,6 +99,7 @@ def excess(rng: Rng) -> float:
 
 
 def segments(claim: Claim, path: str = "path") -> list[dict[str, Any]]:
+    """Of the path of a claim, or of its recorded one; to be changed in place."""
     return claim[path]["segments"]
 
 
@@ -115,24 +116,29 @@ def inner(part: dict[str, Any], rng: Rng) -> int:
 
 
 def direction(rng: Rng) -> Any:
+    """A unit vector, any way. Shape (2,)."""
     angle = rng.uniform(0.0, math.tau)
     return np.array([math.cos(angle), math.sin(angle)])
 
 
 def sign(rng: Rng) -> int:
+    """1 or -1."""
     return int(rng.choice([-1, 1]))
 
 
 def states_of(part: dict[str, Any]) -> Any:
+    """States of a segment at its samples. Shape (N, 4)."""
     return np.stack([part[key] for key in ("x", "y", "theta", "alpha")], axis=1)
 
 
 def set_states(part: dict[str, Any], states: Any) -> None:
+    """Give a segment other states (N, 4)."""
     for row, key in enumerate(("x", "y", "theta", "alpha")):
         part[key] = states[:, row].copy()
 
 
 def vehicle_of(claim: Claim) -> Vehicle:
+    """The vehicle that a claim names."""
     return Vehicle(**claim["vehicle"])
 
 

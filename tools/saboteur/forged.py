@@ -174,6 +174,8 @@ def _jackknifed(claim: Claim, rng: Rng) -> bool:
 
 
 def absurd(value: Any) -> Damage:
+    """One value of a column is replaced by what is no coordinate."""
+
     def damage(claim: Claim, rng: Rng) -> bool:
         part = some_segment(claim, rng)
         key = str(rng.choice(COLUMNS))

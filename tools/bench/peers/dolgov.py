@@ -25,6 +25,7 @@ METHOD = Cpo(obstacles="points", weight_change=0.0)
 
 
 def solve(problem: Problem) -> Answer:
+    """Each gear segment smoothed by itself."""
     segments, iterations, words = [], 0, []
     for segment in problem.recorded.segments:
         smoothed, count, word = _smoothed(problem, segment)

@@ -80,6 +80,7 @@ def solved(method: Method, problem: Problem) -> Row:
 
 
 def measure(problem: Problem) -> Row:
+    """All four tables: obstacles, knots, gear changes, cells."""
     scp, ddp = Scp(), Ddp()
     best = ddp.solve(problem).path
     scp.solve(problem)
