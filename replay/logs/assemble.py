@@ -2,7 +2,7 @@
 
 import dataclasses
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -61,7 +61,17 @@ def cases_of(log: Log, options: ReadOptions) -> list[Case]:
         offset=reference_offset(vehicle, options),
         frames=frames,
     )
-    return _Reader(log, topics, options, vehicle, maps, truck, trailer, (*log.warnings, *notes)).cases()
+    reader = _Reader(
+        log=log,
+        topics=topics,
+        options=options,
+        vehicle=vehicle,
+        maps=maps,
+        truck=truck,
+        trailer=trailer,
+        notes=(*log.warnings, *notes),
+    )
+    return reader.cases()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,25 +84,20 @@ class _Request:
     trailer: PoseSeries | None
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Reader:
     """Makes the cases of one log."""
 
-    def __init__(
-        self,
-        log: Log,
-        topics: list[Topic],
-        options: ReadOptions,
-        vehicle: Vehicle,
-        maps: Maps,
-        truck: Topic,
-        trailer: Topic | None,
-        notes: tuple[str, ...],
-    ) -> None:
-        self.log, self.options, self.vehicle, self.maps = log, options, vehicle, maps
-        self.truck, self.trailer, self.notes = truck, trailer, notes
-        self.topics, self.frames = topics, maps.frames
-        self._angles: dict[str, tuple[list[Angles], list[str]]] = {}
-        """Sources of hitch angles beside paths, and notes, by the frame of the path."""
+    log: Log
+    topics: list[Topic]
+    options: ReadOptions
+    vehicle: Vehicle
+    maps: Maps
+    truck: Topic
+    trailer: Topic | None
+    notes: tuple[str, ...]
+    _angles: dict[str, tuple[list[Angles], list[str]]] = field(default_factory=dict)
+    """Sources of hitch angles beside paths, and notes, by the frame of the path; filled as they are asked for."""
 
     def cases(self) -> list[Case]:
         """All requests that can be used, or the one that the options choose."""
@@ -205,10 +210,10 @@ class _Reader:
         """The request in the frame of the map, that frame, and notes. Raises Refusal (E_FRAME)."""
         frame = frame_name(request.series.header.frame) if log_map.headless else log_map.scene.frame
         where = f"map topic {printable(self.maps.topic.name, 60)!r}"
-        series, notes = in_frame(request.series, frame, where, self.frames)
+        series, notes = in_frame(request.series, frame, where, self.maps.frames)
         trailer = request.trailer
         if trailer is not None:
-            trailer, _ = in_frame(trailer, frame, where, self.frames)
+            trailer, _ = in_frame(trailer, frame, where, self.maps.frames)
         return dataclasses.replace(request, series=series, trailer=trailer), frame, notes
 
     def _hitch(self, request: _Request, plane: Array, recorded: RecordedPoses, centre: Array) -> Hitch:
@@ -216,7 +221,7 @@ class _Reader:
         alpha = self._from_trailer(request, plane, recorded, centre)
         frame = frame_name(request.series.header.frame)
         if frame not in self._angles:
-            self._angles[frame] = sources(self.topics, self.frames, frame, self.options)
+            self._angles[frame] = sources(self.topics, self.maps.frames, frame, self.options)
         others, notes = self._angles[frame]
         initial = self.options.initial_hitch
         hitch = combined(alpha, others, recorded, request.series, request.log_time, initial)
