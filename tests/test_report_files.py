@@ -122,6 +122,13 @@ def test_a_clearance_without_obstacles_is_null_not_a_number(tmp_path):
     Page((run / "report.html").read_text())
 
 
+def test_a_count_that_no_column_can_hold_is_null(tmp_path):
+    entry = maker.log("open_00", 0, ["scp"])
+    entry["cases"][0]["methods"][0]["metrics"]["cusps"] = 10**30
+    make_report(maker.write_run(tmp_path / "run", [entry]))
+    assert pq.read_table(tmp_path / "run" / "rows.parquet").to_pylist()[0]["cusps"] is None
+
+
 # ---- files that are damaged or missing
 
 

@@ -11,11 +11,12 @@ from replay.regress.reports.facts import is_failing
 from replay.regress.reports.model import VERDICTS, Numbers, RunData
 
 SCHEMA = "replay.rows/1"
+_MOST_COUNTED = 2.0**63  # what a column of whole numbers can hold
 _WORDS = ("log", "case", "kind", "sha256", "method", "status", "stop", "reason", "recording")
 
 
 def write_parquet(run: RunData, path: pathlib.Path) -> None:
-    """Write the rows. A number that is not finite, or that the run does not have, is null."""
+    """Write the rows. A number that its column cannot hold, or that the run does not have, is null."""
     pq.write_table(table(run), path, compression="zstd")
 
 
@@ -56,7 +57,9 @@ def _column(name: str, unit: str, kind: pa.DataType, values: list) -> tuple[pa.F
 
 
 def _cast(value: float | None, kind: pa.DataType) -> float | int | None:
-    return None if value is None else (round(value) if kind == pa.int64() else value)
+    if value is None or kind != pa.int64():
+        return value
+    return round(value) if abs(value) < _MOST_COUNTED else None
 
 
 def _keys(found: Iterable[Numbers]) -> list[str]:
