@@ -169,7 +169,8 @@ def test_numbers_are_written_as_people_read_them(value: float | None, digits: in
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "expected"), [(100, 80, "−20 %"), (100, 130, "+30 %"), (0, 1, "–"), (3, 3, "±0 %")]
+    ("before", "after", "expected"),
+    [(100, 80, "−20 %"), (100, 130, "+30 %"), (0, 1, "–"), (3, 3, "±0 %"), (1e-320, 1, "–")],
 )
 def test_changes_are_signed_percentages(before: float, after: float, expected: str) -> None:
     assert text.change(before, after) == expected

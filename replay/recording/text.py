@@ -49,9 +49,10 @@ def number(value: float | None, digits: int = 2) -> str:
 
 def change(before: float, after: float) -> str:
     """Relative change in per cent, signed: '−20 %'."""
-    if not (math.isfinite(before) and math.isfinite(after)) or before == 0.0:
+    share = 100.0 * (after - before) / abs(before) if before else math.nan
+    if not math.isfinite(share):
         return "–"
-    percent = round(100.0 * (after - before) / abs(before))
+    percent = round(share)
     return f"{percent:+d} %".replace("-", "−") if percent else "±0 %"
 
 
