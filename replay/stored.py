@@ -41,9 +41,9 @@ def _run(document: Mapping[str, Any]) -> Run:
     return Run(
         case=case,
         recorded_metrics=_metrics(document["recorded_metrics"]),
-        recorded_audit=document["recorded_audit"],
+        recorded_audit=_audit(document["recorded_audit"]),
         methods=tuple(_method(method) for method in document["methods"]),
-        options=tool.get("options") or {},
+        options=dict(tool.get("options") or {}),
         seed=int(tool.get("seed") or 0),
     )
 
@@ -85,19 +85,43 @@ def _method(stored: Mapping[str, Any]) -> MethodRun:
         reason=str(stored.get("reason")),
         path=path_from_document(stored["path"]),
         metrics=_metrics(stored["metrics"]),
-        audit=stored["audit"],
+        audit=_audit(stored["audit"]),
         iterations=int(stored.get("iterations") or 0),
         wall_s=_number(stored.get("wall_s")),
         history=[_row(row) for row in stored.get("history") or ()],
         iterates=(),
-        rejected=stored.get("rejected"),
+        rejected=None if stored.get("rejected") is None else _audit(stored["rejected"]),
     )
 
 
+def _audit(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """A report as `AuditReport.to_dict` gives it."""
+    checks = {name: _check(check) for name, check in (stored.get("checks") or {}).items()}
+    return {**stored, "passed": bool(stored.get("passed")), "checks": checks}
+
+
+def _check(stored: Mapping[str, Any]) -> dict[str, Any]:
+    numbers = {
+        part: {name: None if value is None else float(value) for name, value in (stored.get(part) or {}).items()}
+        for part in ("values", "limits")
+    }
+    said = {"passed": bool(stored.get("passed")), "sentence": str(stored.get("sentence"))}
+    return {**said, **numbers, "place": None if stored.get("place") is None else _place(stored["place"])}
+
+
+def _place(stored: Mapping[str, Any]) -> dict[str, Any]:
+    kinds = {"segment": int, "s": float, "body": str, "polygon": int}
+    return {name: kind(stored[name]) for name, kind in kinds.items() if stored.get(name) is not None}
+
+
 def _metrics(stored: Mapping[str, Any]) -> dict[str, float]:
-    """JSON has no infinity: a clearance of null is that of an empty scene."""
+    """JSON has no infinity: a clearance of null is that of an empty scene. Those that came later may be missing."""
     empty = {"min_clearance": math.inf}
-    return {name: _number(value, empty.get(name, math.nan)) for name, value in stored.items()}
+    found = {name: _number(value, empty.get(name, math.nan)) for name, value in stored.items()}
+    for name in ("objective", "length", "cusps"):
+        if not math.isfinite(found[name]):
+            raise ValueError(f"{name} is {found[name]}, expected a number")
+    return {**found, "min_clearance": found["min_clearance"]}
 
 
 def _row(stored: Mapping[str, Any]) -> dict[str, Any]:

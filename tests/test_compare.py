@@ -169,6 +169,12 @@ def test_another_request_on_the_same_map_is_refused(tmp_path):
         (lambda d: d.pop("recorded_metrics"), "cannot be rebuilt: KeyError"),
         (lambda d: d["methods"][0]["path"]["segments"][0].pop("x"), "not a path"),
         (lambda d: d["scene"].__setitem__("polygons", 3), "cannot be rebuilt"),
+        (lambda d: d["recorded_audit"]["checks"].__setitem__("steer", 3), "cannot be rebuilt: AttributeError"),
+        (lambda d: d["methods"][0]["audit"]["checks"]["steer"]["limits"].__setitem__("steer_rad", "x"), "ValueError"),
+        (lambda d: d["methods"][0]["audit"]["checks"]["steer"].__setitem__("place", [3]), "AttributeError"),
+        (lambda d: d["recorded_metrics"].pop("length"), "cannot be rebuilt: KeyError: 'length'"),
+        (lambda d: d["methods"][0]["metrics"].__setitem__("cusps", None), "cusps is nan, expected a number"),
+        (lambda d: d["tool"].__setitem__("options", 3), "cannot be rebuilt: TypeError"),
     ],
 )
 def test_a_document_with_a_field_that_is_no_good_is_refused(files, tmp_path, change, words):
