@@ -207,6 +207,7 @@ def test_a_baseline_comes_back_as_it_was_written(tmp_path):
         '{"schema": "replay.baseline/1"}',
         '{"schema": "replay.baseline/1", "logs": {"a": 1}}',
         '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": 1}}}}',
+        '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": {"scp": {"objective": []}}}}}}',
     ],
 )
 def test_what_is_no_baseline_is_one_line(tmp_path, text):

@@ -55,10 +55,15 @@ def _wrong(document: Any) -> str:
         cases = entry.get("cases") if isinstance(entry, dict) else None
         if not isinstance(cases, dict):
             return f"logs.{name[:60]}.cases is missing"
-        for methods in cases.values():
-            if not isinstance(methods, dict) or not all(isinstance(figures, dict) for figures in methods.values()):
-                return f"logs.{name[:60]} holds no figures by case and method"
+        if not all(
+            isinstance(methods, dict) and all(map(_are_figures, methods.values())) for methods in cases.values()
+        ):
+            return f"logs.{name[:60]} holds no figures by case and method"
     return ""
+
+
+def _are_figures(data: Any) -> bool:
+    return isinstance(data, dict) and not any(isinstance(value, (dict, list)) for value in data.values())
 
 
 def write_baseline(path: str | os.PathLike[str], baseline: Baseline) -> None:
