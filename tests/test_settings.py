@@ -109,6 +109,7 @@ def test_a_higher_layers_common_seed_stands_above_a_lower_layers_own_one():
         ("[shortcut]\ntries = true", ["shortcut.tries is True, expected a whole number"]),
         ("[reading]\nmargin = 'wide'", ["reading.margin is 'wide', expected a number"]),
         ("[reading]\nunknown = 'maybe'", ["reading.unknown is 'maybe', expected 'obstacle' or 'free'"]),
+        ("[weights]\ncusp = 1" + "0" * 400, ["weights.cusp is 10000", "expected a number"]),
         ("[reading]\nvehicle = 3", ["reading.vehicle is 3, expected the name of a file"]),
         ("method = 3", ["method is 3, expected a name or a list of names"]),
         ("method = 'shortct'", ["unknown method 'shortct'. Did you mean 'shortcut'?"]),

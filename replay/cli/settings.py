@@ -231,7 +231,10 @@ def _as_type(value: Any, hint: Any) -> Any:
             raise ValueError("a name or a list of names")
         return tuple(names)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:  # of more than 308 digits
+            raise ValueError(_EXPECTED[float]) from None
     if hint is pathlib.Path and isinstance(value, str):
         return pathlib.Path(value)
     if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
