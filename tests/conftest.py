@@ -80,14 +80,14 @@ def five_read(five_file: pathlib.Path) -> Contents:
 @pytest.fixture
 def failed_run(tmp_path: pathlib.Path) -> pathlib.Path:
     """The folder of a regression run in which some results got worse."""
-    return maker.regressed(tmp_path / "runs" / "2026-03-14T02-00-00Z_84f303a")
+    return runs.regressed(tmp_path / "runs" / "2026-03-14T02-00-00Z_84f303a")
 
 
 @pytest.fixture
 def passed_run(tmp_path: pathlib.Path) -> pathlib.Path:
     """The folder of a regression run, of the night before that, in which nothing changed."""
-    found = maker.logs()
-    return maker.write_run(tmp_path / "runs" / "2026-03-13T02-00-00Z_84f3039", found, maker.unchanged(found))
+    found = runs.logs()
+    return runs.write_run(tmp_path / "runs" / "2026-03-13T02-00-00Z_84f3039", found, runs.unchanged(found))
 
 
 @pytest.fixture
@@ -112,16 +112,3 @@ def read(tmp_path: pathlib.Path) -> Callable[..., list[Case]]:
 def refusal(tmp_path: pathlib.Path) -> Callable[..., LogError]:
     """The error that reading such a log ends with."""
     return partial(make.refusal_of, tmp_path / "yard.mcap")
-
-
-@pytest.fixture
-def failed(tmp_path: pathlib.Path) -> pathlib.Path:
-    """A regression run that failed."""
-    return runs.regressed(tmp_path / "runs" / "2026-03-14T02-00-00Z_84f303a")
-
-
-@pytest.fixture
-def passed(tmp_path: pathlib.Path) -> pathlib.Path:
-    """A regression run, a day earlier, in which nothing changed."""
-    found = runs.logs()
-    return runs.write_run(tmp_path / "runs" / "2026-03-13T02-00-00Z_84f3039", found, runs.unchanged(found))

@@ -84,15 +84,3 @@ def logged(path: Path, step: int) -> tuple[np.ndarray, np.ndarray]:
         rows.append(segment.states[keep])
         gears += [segment.direction] * len(keep)
     return np.concatenate(rows), np.array(gears)
-
-
-def straight(*lengths: float, weave: float = 0.0) -> Path:
-    """Along the x axis from the origin, forward where positive; with a weave it leaves the axis."""
-    vehicle = Vehicle()
-    segments, state = [], np.zeros(4)
-    for length in lengths:
-        s = np.linspace(0.0, abs(length), math.ceil(abs(length) / 0.1) + 1)
-        phi = weave * np.sin(2 * np.pi * s / abs(length))
-        segments.append(roll_out_segment(vehicle, state, 1 if length > 0 else -1, s, phi))
-        state = segments[-1].states[-1]
-    return Path(tuple(segments))

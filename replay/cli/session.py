@@ -46,6 +46,19 @@ class LogEntry:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class _Work:
+    """One log while it is worked on."""
+
+    log: pathlib.Path
+    entry: LogEntry
+    position: str
+    """Which log of how many it is, as 2/5."""
+    solver: SolveEach
+    finished: list[Run] = dataclasses.field(default_factory=list)
+    """What there is of it so far."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Origin:
     """The earlier run that is repeated."""
 
@@ -117,8 +130,9 @@ class Session:
             with self._solver() as solver:
                 for log in logs:
                     entries.append(LogEntry(log=str(log)))
+                    position = f"{len(entries)}/{len(logs)}"
                     with self._failures_kept(entries[-1]):
-                        self._run_log(log, entries[-1], solver, position=f"{len(entries)}/{len(logs)}")
+                        self._run_log(_Work(log=log, entry=entries[-1], position=position, solver=solver))
         except KeyboardInterrupt:
             interrupted = True
             self.voice.error("interrupted; what was finished has been kept")
@@ -129,28 +143,25 @@ class Session:
         self.voice.document(document | {"logs": [dataclasses.asdict(entry) for entry in entries]})
         return status
 
-    def _run_log(self, log: pathlib.Path, entry: LogEntry, solver: SolveEach, position: str) -> None:
-        with self._progress(position) as progress:
-            progress.show(log.name, "reading")
-            cases = read_cases(log, self.read)
-        finished: list[Run] = []
+    def _run_log(self, work: _Work) -> None:
+        with self._progress(work) as progress:
+            progress.show(work.log.name, "reading")
+            cases = read_cases(work.log, self.read)
         try:
-            self._run_cases(cases, entry, solver, position, finished)
+            self._run_cases(work, cases)
         finally:  # after Ctrl-C too: what was finished is kept
-            if self.export and finished:
-                self._write_export(log, entry, finished, position)
+            if self.export and work.finished:
+                self._write_export(work)
 
-    def _run_cases(
-        self, cases: Sequence[Case], entry: LogEntry, solver: SolveEach, position: str, finished: list[Run]
-    ) -> None:
+    def _run_cases(self, work: _Work, cases: Sequence[Case]) -> None:
         for case in self._wanted(cases):
-            entry.lost |= case.read.lost
+            work.entry.lost |= case.read.lost
             names = self.outputs.names(case, len(cases))
             for note in case.read.notes:
                 self.voice.note(f"{case.name}: {note}")
             weighted = dataclasses.replace(case.problem, weights=self.weights)
             with reserved(names.results):
-                self._run_case(dataclasses.replace(case, problem=weighted), names, entry, solver, position, finished)
+                self._run_case(work, dataclasses.replace(case, problem=weighted), names)
 
     def _wanted(self, cases: Sequence[Case]) -> Sequence[Case]:
         if self.origin is None:
@@ -160,31 +171,29 @@ class Session:
             self.voice.note(f"{self.origin.source}: {line}; numbers may differ")
         return chosen
 
-    def _write_export(self, log: pathlib.Path, entry: LogEntry, runs: Sequence[Run], position: str) -> None:
+    def _write_export(self, work: _Work) -> None:
         """Write the paths of all cases into a copy of their log."""
-        with self._failures_kept(entry, writing=True), self._progress(position) as progress:
-            target = self.outputs.export(log)
-            progress.show(log.name, f"writing {target.name}")
-            write_export(runs, target)
-            entry.files.append(str(target))
+        with self._failures_kept(work.entry, writing=True), self._progress(work) as progress:
+            target = self.outputs.export(work.log)
+            progress.show(work.log.name, f"writing {target.name}")
+            write_export(work.finished, target)
+            work.entry.files.append(str(target))
             self.voice.show(f"wrote {target}", "")
 
-    def _run_case(
-        self, case: Case, names: Names, entry: LogEntry, solver: SolveEach, position: str, finished: list[Run]
-    ) -> None:
+    def _run_case(self, work: _Work, case: Case, names: Names) -> None:
         interruption = None
         live = self.live
-        with self._progress(position) as progress:
+        with self._progress(work) as progress:
             progress.show(case.name, "measuring the recorded path")
             if live is not None:
                 live.begin(case)
             try:
-                run = self._run_methods(case, solver, progress)
+                run = self._run_methods(case, work.solver, progress)
             except Interrupted as interrupted:
                 run, interruption = interrupted.run, interrupted
         if run.methods:
-            finished.append(run)
-            self._finish_case(run, names, entry, position)
+            work.finished.append(run)
+            self._finish_case(work, run, names)
         if live is not None:
             if run.methods:
                 live.finish(run)
@@ -212,12 +221,12 @@ class Session:
 
         return run_case(case, self.methods, on_iterate=tell, on_start=start, on_end=end, seed=self.seed, solve=solver)
 
-    def _finish_case(self, run: Run, names: Names, entry: LogEntry, position: str) -> None:
+    def _finish_case(self, work: _Work, run: Run, names: Names) -> None:
         """Write the files of a run and show its table, also when a file fails."""
-        entry.fell_short |= run.fell_short
+        work.entry.fell_short |= run.fell_short
         written: list[str] = []
-        entry.cases.append(_case_document(run, written))
-        with self._failures_kept(entry, writing=True), self._progress(position) as progress:
+        work.entry.cases.append(_case_document(run, written))
+        with self._failures_kept(work.entry, writing=True), self._progress(work) as progress:
             progress.show(run.case.name, f"writing {names.results.name}")
             write_results(names.results, to_document(run, self.settings))
             written.append(str(names.results))
@@ -270,8 +279,8 @@ class Session:
 
             prepare()
 
-    def _progress(self, position: str) -> Progress:
-        return Progress(self.voice.people, enabled=self.voice.wants_progress, prefix=position)
+    def _progress(self, work: _Work) -> Progress:
+        return Progress(self.voice.people, enabled=self.voice.wants_progress, prefix=work.position)
 
     def _summarize(self, entries: Sequence[LogEntry]) -> None:
         """For several logs, the last line: which of them could not be used."""

@@ -242,7 +242,7 @@ class _Reader:
                 f"hitch_to_axle = {length:g} m puts it, expected at most {TOLERANCE:g} m"
             )
             raise Refusal("E_HITCH", text)
-        return hitch_angles(recorded.poses, at)
+        return hitch_angles(at[:, 2] - recorded.poses[:, 2])
 
     def _nodes(self, recorded: RecordedPoses, fit: Fit) -> tuple[Array | None, list[str]]:
         indices = nodes_of(self.log.metadata, len(recorded.nearest))

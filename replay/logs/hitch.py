@@ -11,7 +11,7 @@ from replay.errors import LogError, printable
 from replay.logs.content import Joints, PoseSeries, Transform
 from replay.logs.frames import Frames, frame_name
 from replay.logs.options import ReadOptions
-from replay.logs.pairing import at_stamps
+from replay.logs.pairing import at_stamps, hitch_angles
 from replay.logs.planar import Refusal, planar
 from replay.logs.poses import RecordedPoses
 from replay.logs.topics import Topic
@@ -158,12 +158,7 @@ def at_poses(angles: Angles, recorded: RecordedPoses, series: PoseSeries, log_ti
         alpha = values[max(0, int(np.searchsorted(angles.times, time, side="right")) - 1)][None]
     if angles.is_heading:
         alpha = alpha - recorded.poses[: len(alpha), 2]
-    alpha = np.unwrap(np.arctan2(np.sin(alpha), np.cos(alpha)))
-    row = int(np.argmax(np.abs(alpha)))
-    if abs(alpha[row]) >= np.pi / 2.0:
-        raise Refusal(
-            "E_HITCH", f"{angles.name}: the hitch angle is {np.degrees(alpha[row]):.0f} degrees, expected below 90"
-        )
+    alpha = hitch_angles(alpha, angles.name)
     return alpha if len(alpha) > 1 else float(alpha[0])
 
 

@@ -37,20 +37,19 @@ def hitch_misfit(truck: Array, trailer: Array, hitch_to_axle: float) -> Array:
     return np.hypot(*(truck[:, :2] - ahead - trailer[:, :2]).T)
 
 
-def hitch_angles(truck: Array, trailer: Array) -> Array:
-    """Trailer heading minus truck heading, continuous [rad]. Shape (n,).
+def hitch_angles(angle: Array, name: str = "") -> Array:
+    """Angles between trailer and truck at the kept poses (n,), made continuous [rad]. Shape (n,).
+
+    `name`: what they are of, for the error; by default it names the pose.
 
     Raises:
         Refusal: a right angle or more somewhere; no trailer is towed like that.
     """
-    angle = trailer[:, 2] - truck[:, 2]
     alpha = np.unwrap(np.arctan2(np.sin(angle), np.cos(angle)))
     row = int(np.argmax(np.abs(alpha)))
     if abs(alpha[row]) >= np.pi / 2.0:
-        raise Refusal(
-            "E_HITCH",
-            f"pose {row}: the hitch angle is {np.degrees(alpha[row]):.0f} degrees, expected below 90",
-        )
+        where = name or f"pose {row}"
+        raise Refusal("E_HITCH", f"{where}: the hitch angle is {np.degrees(alpha[row]):.0f} degrees, expected below 90")
     return alpha
 
 
