@@ -1,3 +1,5 @@
+"""Compiled kernels: those that no longer match their sources are dropped, and one process at a time compiles."""
+
 import importlib
 import os
 import subprocess

@@ -1,3 +1,5 @@
+"""What a recording shows: paths, vehicles, signals, iterates, words; read back from the file."""
+
 import pathlib
 from typing import Any
 

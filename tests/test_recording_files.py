@@ -1,3 +1,5 @@
+"""Recordings as files, whole or not there; colours, shapes and texts that they are made of."""
+
 import pathlib
 import resource
 import subprocess
