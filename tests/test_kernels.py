@@ -1,4 +1,4 @@
-"""Compiled kernels that no longer match their sources are dropped, and no others."""
+"""Compiled kernels: those that no longer match their sources are dropped, and one process at a time compiles."""
 
 import importlib
 import os
