@@ -29,6 +29,7 @@ from tools.corpus.public import PUBLIC
 from tools.corpus.rrt import Found, Search, plan, ramp_ends
 from tools.corpus.site import Area, Box, Grid, Site, Wall, footprints
 from tools.corpus.write import content_digest
+from tools.planners.protocol import Task
 
 FOLDER = Path(__file__).resolve().parent.parent / "recordings"
 LISTED = read_list(FOLDER)
@@ -231,7 +232,7 @@ OUTLINE = [[-40.0, -20.0], [40.0, -20.0], [40.0, 20.0], [-40.0, 20.0]]
 
 def planned(walls: list[np.ndarray], seed: int, search: Search | None = None) -> Found | None:
     scene = make_scene(walls, boundary=OUTLINE)
-    return plan(VEHICLE, scene, START, GOAL, [AREA], (0.0, 0.0, 0.0), margin=0.3, seed=seed, search=search)
+    return plan(Task(vehicle=VEHICLE, scene=scene, start=START, goal=GOAL, areas=[AREA], margin=0.3), seed, search)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -105,17 +105,7 @@ def build(site: Site, search: Search | None = None, max_seeds: int = MAX_SEEDS) 
     task = task_of(site, cells)
 
     def drive(seed: int) -> _Drive | None:
-        found = plan(
-            task.vehicle,
-            task.scene,
-            task.start,
-            task.goal,
-            task.areas,
-            task.pose,
-            margin=task.margin,
-            seed=seed,
-            search=search,
-        )
+        found = plan(task, seed, search)
         if found is None or len(found.edges) < MIN_EDGES:
             return None
         length = sum(edge.truck_length for edge in found.edges)

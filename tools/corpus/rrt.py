@@ -7,17 +7,17 @@ of the samples it happened to go through: that is what the corpus is for.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from optim.arrays import Array
-from optim.scene import Scene, first_violation
+from optim.scene import first_violation
 from optim.steering.connect import Connection, connections
 from optim.steering.flat import Flat
-from optim.vehicle import Vehicle
-from tools.corpus.site import Area, Pose, place_flat
+from tools.corpus.site import place_flat
+from tools.planners.protocol import Task
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,31 +94,21 @@ class _Tree:
 
 
 class _Planner:
-    """One search: vehicle, scene and options at hand for every edge."""
+    """One search: task and options at hand for every edge."""
 
-    def __init__(
-        self,
-        vehicle: Vehicle,
-        scene: Scene,
-        areas: Sequence[Area],
-        pose: Pose,
-        margin: float,
-        search: Search,
-        seed: int,
-    ) -> None:
-        self.vehicle, self.scene, self.margin, self.search = vehicle, scene, margin, search
-        self.areas, self.pose = areas, pose
-        weights = np.array([area.weight for area in areas])
+    def __init__(self, task: Task, search: Search, seed: int) -> None:
+        self.task, self.search = task, search
+        weights = np.array([area.weight for area in task.areas])
         self.shares = weights / weights.sum()
         self.rng = np.random.default_rng(seed)
 
     def draw(self) -> Flat:
         """A random position and heading in one of the areas."""
-        area = self.areas[self.rng.choice(len(self.areas), p=self.shares)]
+        area = self.task.areas[self.rng.choice(len(self.task.areas), p=self.shares)]
         x0, y0, x1, y1 = area.box
         turn = self.rng.uniform(-area.spread, area.spread)
         x, y = self.rng.uniform(x0, x1), self.rng.uniform(y0, y1)
-        return place_flat(Flat(x, y, area.heading + turn, 0.0), self.pose)
+        return place_flat(Flat(x, y, area.heading + turn, 0.0), self.task.pose)
 
     def shots(self, parent: Flat, sample: Flat) -> list[tuple[Flat, int]]:
         """Ends of random curvature ramps out of the parent in both gears, nearest to the sample first."""
@@ -126,7 +116,7 @@ class _Planner:
         count = 2 * search.shots
         gear = np.repeat([1, -1], search.shots)
         length = rng.uniform(*search.step, count)
-        limit = 0.85 * self.vehicle.max_kappa
+        limit = 0.85 * self.task.vehicle.max_kappa
         kappa = np.where(rng.random(count) < search.straight, 0.0, rng.uniform(-limit, limit, count))
         ends = ramp_ends(parent, kappa.round(4), (gear * length).round(2))
         far = _distance(ends, sample, search.heading_weight)
@@ -135,9 +125,10 @@ class _Planner:
 
     def link(self, start: Flat, end: Flat, gear: int, longest: float) -> Connection | None:
         """The shortest connection that is clear of obstacles."""
-        for edge in connections(self.vehicle, start, end, gear, longest)[:2]:
+        task = self.task
+        for edge in connections(task.vehicle, start, end, gear, longest)[:2]:
             s, states, _ = edge.sample(self.search.spacing)
-            if first_violation(self.scene, self.vehicle, s, states, self.margin) < 0:
+            if first_violation(task.scene, task.vehicle, s, states, task.margin) < 0:
                 return edge
         return None
 
@@ -187,28 +178,18 @@ def _distance(poses: Array, to: Flat, heading_weight: float) -> Array:
 
 
 def plan(
-    vehicle: Vehicle,
-    scene: Scene,
-    start: Flat,
-    goal: Flat,
-    areas: Sequence[Area],
-    pose: Pose,
-    *,
-    margin: float,
-    seed: int,
-    search: Search | None = None,
-    is_late: Callable[[], bool] = lambda: False,
+    task: Task, seed: int, search: Search | None = None, is_late: Callable[[], bool] = lambda: False
 ) -> Found | None:
     """The first path that the trees find from start to goal, or None after the largest number of samples or too late.
 
-    `areas` are in the site's frame, whose pose in the map is given; all else is in the map's. The path keeps the
-    vehicle's limits and `margin` [m] from every obstacle, between samples too. The same seed gives the same path.
+    The path keeps the vehicle's limits and the task's margin from every obstacle, between samples too. The same seed
+    gives the same path.
     """
     search = search or Search()
-    planner = _Planner(vehicle, scene, areas, pose, margin, search, seed)
+    planner = _Planner(task, search, seed)
     trees = (
-        _Tree(start, search, forward_in_time=True),
-        _Tree(goal, search, forward_in_time=False),
+        _Tree(task.start, search, forward_in_time=True),
+        _Tree(task.goal, search, forward_in_time=False),
     )
     for iteration in range(search.max_iterations):
         if is_late():

@@ -19,18 +19,7 @@ class ExactTree:
 
     def plan(self, task: Task, seed: int, time_limit: float = math.inf) -> Plan | None:
         """The first path found; see `tools.planners.protocol.Planner`."""
-        found = plan(
-            task.vehicle,
-            task.scene,
-            task.start,
-            task.goal,
-            task.areas,
-            task.pose,
-            margin=task.margin,
-            seed=seed,
-            search=self.search,
-            is_late=deadline(time_limit),
-        )
+        found = plan(task, seed, self.search, deadline(time_limit))
         if found is None:
             return None
         return assemble([edge.segment(CONNECTION_SPACING) for edge in found.edges], found.iterations)
