@@ -1,10 +1,9 @@
-"""Results files hold a run exactly, are read with suspicion, and are audited from their own content alone."""
+"""Results files hold a run exactly, and are read with suspicion."""
 
 import contextlib
 import copy
 import dataclasses
 import json
-import math
 import os
 import pathlib
 from collections.abc import Callable
@@ -14,15 +13,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from paths import random_path, straight
+from paths import random_path
+from results_maker import VEHICLE, Document, make_run, written
 
 import replay.results
-from optim.path import Path
-from optim.problem import Problem
-from optim.result import Iterate, OnIterate, Result, Stop, ignore
-from optim.scene import make_scene
-from optim.vehicle import Vehicle
-from replay.case import Case, ReadReport
+from optim.result import Stop
 from replay.confirm import audit_results
 from replay.errors import ReplayError
 from replay.results import (
@@ -33,55 +28,8 @@ from replay.results import (
     to_document,
     write_results,
 )
-from replay.run import Run, run_case
-
-Document = dict[str, Any]
-VEHICLE = Vehicle()
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Answer:
-    """A method that knows its answer."""
-
-    path: Path
-    stop: Stop = Stop.CONVERGED
-
-    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
-        residuals = {"defect": 12.5, "step": math.inf}
-        on_iterate(Iterate(iteration=0, path=problem.recorded, objective=30.0, step=math.inf, residuals=residuals))
-        return Result(path=self.path, stop=self.stop, reason="Nothing was left to do.", iterations=1)
-
-
-RECORDED = straight(10.0, -5.0, 5.0)
-
-
-def make_run(log: str = "bay_01.mcap", boundary: Any = None) -> Run:
-    polygons = [
-        np.array([[-5.0, 3.0], [20.0, 3.0], [20.0, 4.0], [-5.0, 4.0]]),
-        np.array([[0.0, -9.0], [1.0, -9.0], [0.0, -8.0]]),
-    ]
-    problem = Problem(vehicle=VEHICLE, scene=make_scene(polygons, boundary=boundary), recorded=RECORDED)
-    read = ReadReport(poses=41, hitch="reconstructed", max_deviation_m=0.01, max_deviation_rad=0.001, notes=("odd",))
-    case = Case(
-        name="bay_01/0", log=pathlib.Path(log), sha256="ab" * 32, problem=problem, read=read, map=None, frame="map"
-    )
-    methods = {
-        "better": Answer(path=straight(10.0)),
-        "same": Answer(path=RECORDED),
-        "wrong": Answer(path=straight(9.0)),
-        "broken": Answer(path=RECORDED, stop=Stop.FAILED),
-    }
-    run = run_case(case, methods)
-    return dataclasses.replace(run, options={"better": {"window": 3.0, "kind": ("a", "b")}}, seed=7)
-
 
 RUN = make_run()
-
-
-def written(tmp_path: pathlib.Path, document: Document) -> pathlib.Path:
-    path = tmp_path / "bay_01.results.json"
-    write_results(path, document)
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -285,70 +233,3 @@ def test_a_flipped_bit_is_an_error_or_a_document_that_can_be_audited(
 def test_what_is_no_path_is_said_in_one_line(document: Any) -> None:
     with pytest.raises(ReplayError, match="not a path"):
         path_from_document(document)
-
-
-# The audit, repeated.
-
-
-def test_an_honest_file_is_confirmed(stored: Document) -> None:
-    verdicts = audit_results(stored)
-    assert [verdict.name for verdict in verdicts] == ["recorded", "better", "same", "wrong", "broken"]
-    assert all(verdict.report.passed for verdict in verdicts)
-    assert [verdict.differences for verdict in verdicts] == [()] * 5
-
-
-def test_a_file_without_the_recorded_metrics_can_be_audited(stored: Document) -> None:
-    document = {key: value for key, value in stored.items() if not key.startswith("recorded_")}
-    assert all(verdict.report.passed and verdict.confirmed for verdict in audit_results(document))
-
-
-def test_a_path_that_is_not_sound_and_not_called_so_is_confirmed(stored: Document) -> None:
-    """The recorded path may break a limit; a file that says so is honest."""
-    problem = dataclasses.replace(RUN.case.problem, vehicle=Vehicle(truck_front=4.0, truck_width=6.5))
-    run = run_case(dataclasses.replace(RUN.case, problem=problem), {"same": Answer(path=RECORDED)})
-    verdicts = audit_results(to_document(run))
-    assert [verdict.report.failed for verdict in verdicts] == [("clearance",)] * 2
-    assert all(verdict.confirmed for verdict in verdicts)
-
-
-def tampered(stored: Document, *keys: Any, value: Any) -> Document:
-    document = copy.deepcopy(stored)
-    node = document
-    for key in keys[:-1]:
-        node = node[key]
-    node[keys[-1]] = value
-    return document
-
-
-@pytest.mark.parametrize(
-    ("keys", "value", "name", "said"),
-    [
-        (("methods", 0, "audit", "passed"), False, "better", "stored audit does not say passed"),
-        (("methods", 0, "audit", "checks", "goal", "passed"), False, "better", "check 'goal' is not confirmed"),
-        (("methods", 0, "audit", "checks", "magic"), {"passed": True}, "better", "check 'magic' is not confirmed"),
-        (("methods", 0, "audit"), {}, "better", "stored audit does not say passed"),
-        (("methods", 0, "metrics", "objective"), 1.0, "better", "repeated: objective"),
-        (("methods", 0, "metrics"), {}, "better", "repeated: objective"),
-        (("methods", 0, "path", "segments", 0, "x", 50), 9.0, "better", "repeated: defect"),
-        (("methods", 0, "path"), path_to_document(RECORDED), "better", "is 'improved', but J is"),
-        (("methods", 1, "status"), "improved", "same", "is 'improved', but J is"),
-        (("methods", 1, "path"), path_to_document(straight(10.0)), "same", "the path is not the recorded one"),
-        (("vehicle", "truck_width"), 6.5, "better", "repeated: clearance"),
-        (("vehicle", "wheelbase"), "3.6", "better", "repeated: structure"),
-        (("methods", 0, "metrics", "length"), 7.0, "better", "stored metric length is 7, recomputed 10"),
-        (("methods", 0, "metrics", "cusps"), "0", "better", "stored metric cusps is 0, recomputed 0"),
-        (("methods", 0, "metrics", "min_clearance"), None, "better", "stored metric min_clearance is None"),
-        (("methods", 0, "audit", "checks", "steer", "values", "steer_rad"), 0.1, "better", "'steer': steer_rad is 0.1"),
-        (("methods", 0, "audit", "checks", "steer", "limits", "steer_rad"), 9.0, "better", "limit of steer_rad is 9"),
-        (("vehicle", "trailer_width"), 2.6, "better", "check 'clearance': trailer_m is"),
-        (("recorded_metrics", "length"), 1.0, "recorded", "stored metric length is 1"),
-        (("recorded_metrics", "objective"), 1.0, "recorded", "repeated: objective"),
-        (("recorded_audit", "passed"), False, "recorded", "stored audit does not say passed"),
-    ],
-)
-def test_a_claim_that_does_not_hold_is_found(
-    stored: Document, keys: tuple[Any, ...], value: Any, name: str, said: str
-) -> None:
-    verdicts = {verdict.name: verdict for verdict in audit_results(tampered(stored, *keys, value=value))}
-    assert any(said in line for line in verdicts[name].differences), verdicts[name].differences
-    assert not verdicts[name].confirmed
