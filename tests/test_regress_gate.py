@@ -147,11 +147,14 @@ def test_what_a_corpus_expects_is_held_without_a_baseline():
     assert found(kept, None, *FAILING, whole=False) == []
 
 
-def test_a_log_with_other_content_is_compared_with_nothing():
+def test_a_log_with_other_content_is_compared_with_nothing_and_is_told_once():
     after = log(sha256="f" * 64)
     method(after)["metrics"]["objective"] *= 2.0
-    assert found(after, log(), *FAILING) == []
-    assert found(after, log(), "new")
+    (entry,) = compare_log(after, baseline_entry(log()))
+    assert (entry["verdict"], entry["after"]) == ("changed", "f" * 12)
+    assert entry["note"] == "bay_01 is another log than the baseline's: 2 results not compared"
+    method(after)["status"] = "failed"
+    assert found(after, log(), *FAILING) == [("scp", "status", "crashed")]
 
 
 # ---- known issues
