@@ -12,7 +12,7 @@ from rich.console import Console
 
 from replay.errors import ReplayError
 from replay.regress.bar import Bar
-from replay.regress.baseline import Baseline, accepted, read_baseline, write_baseline
+from replay.regress.baseline import Baseline, accepted, check_baseline, read_baseline, write_baseline
 from replay.regress.compare import baseline_entry, compare_log, gone
 from replay.regress.corpus import Known, find_corpus
 from replay.regress.gate import Metric, metrics_of
@@ -212,12 +212,32 @@ def test_a_baseline_comes_back_as_it_was_written(tmp_path):
         '{"schema": "replay.baseline/1"}',
         '{"schema": "replay.baseline/1", "logs": {"a": 1}}',
         '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": 1}}}}',
+        '{"schema": "replay.baseline/1", "logs": {"a": {"sha256": 1, "cases": {}}}}',
+        '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": {"ddp": {"objective": "abc"}}}}}}',
+        '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": {"ddp": {"cusps": true}}}}}}',
+        '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": {"ddp": {"status": 1}}}}}}',
     ],
 )
 def test_what_is_no_baseline_is_one_line(tmp_path, text):
     (tmp_path / "b.json").write_text(text)
     with pytest.raises(ReplayError, match=r"b\.json"):
         read_baseline(tmp_path / "b.json")
+
+
+def test_which_schema_was_found_and_what_to_do_is_told(tmp_path):
+    (tmp_path / "b.json").write_text('{"schema": "replay.baseline/9"}')
+    with pytest.raises(ReplayError, match=r"its schema is 'replay\.baseline/9'; move it away, and make it anew"):
+        read_baseline(tmp_path / "b.json")
+
+
+def test_a_baseline_of_quite_another_corpus_is_refused(corpus, tmp_path):
+    file = tmp_path / "b.json"
+    write_baseline(file, Baseline(logs={"x": baseline_entry(log()), "y": baseline_entry(log())}))
+    with pytest.raises(ReplayError, match="none of its 2 logs is in"):
+        check_baseline(file, find_corpus(str(corpus)))
+    write_baseline(file, Baseline(logs={"x": baseline_entry(log()), "sub/c": baseline_entry(log())}))
+    check_baseline(file, find_corpus(str(corpus)))
+    check_baseline(tmp_path / "none.json", find_corpus(str(corpus)))
 
 
 def test_names_of_logs_become_names_of_files_that_never_meet_and_are_never_hidden(tmp_path):

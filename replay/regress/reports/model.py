@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 VERDICTS: Final = ("crashed", "missing", "changed", "worse", "known", "better", "new", "same")
-"""What the comparison with the baseline can say, the gravest first; changed: the log is another one, so that its results
+"""What the comparison with the baseline can say, the gravest first; changed: the log is another one, and its results
 are not compared."""
 FAILING: Final = frozenset({"crashed", "missing", "changed", "worse"})
 """Verdicts with which a run fails."""
