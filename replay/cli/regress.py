@@ -36,7 +36,7 @@ from replay.regress.pool import run_here
 from replay.regress.reports.history import SUMMARY
 from replay.regress.running import Execute, Plan, carry_out, resumed, start
 from replay.regress.selection import select
-from replay.regress.settings import Recordings
+from replay.regress.settings import DIRTY, Recordings
 from replay.regress.store import Store
 
 _FLAT = Parameter(name="*")
@@ -183,6 +183,8 @@ def accept(
     lost = sorted(before.logs.keys() - made.logs.keys())
     voice.show(*_changed(changes), *(f"out: {name}" for name in lost))
     write_baseline(file, made)
+    if DIRTY in made.revision:
+        voice.note(f"{made.revision}: its program is no commit's, so that nobody can make this baseline again")
     voice.show(f"wrote {file}: {len(made.logs)} logs; {len(changes)} changes, {len(lost)} logs out")
     about = {"schema": "replay.accept/1", "exit_status": 0, "baseline": str(file)}
     voice.document(about | {"changes": changes, "out": lost})
