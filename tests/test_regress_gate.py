@@ -16,6 +16,7 @@ from replay.regress.bar import Bar
 from replay.regress.baseline import Baseline, accepted, check_baseline, read_baseline, write_baseline
 from replay.regress.compare import baseline_entry, compare_log, gone
 from replay.regress.corpus import Known, find_corpus
+from replay.regress.differing import other_options, uncompared
 from replay.regress.gate import Metric, metrics_of
 from replay.regress.selection import select
 from replay.regress.settings import revision
@@ -189,6 +190,32 @@ def test_a_known_issue_has_not_gone_where_its_method_did_not_run_to_its_end():
     assert gone([issue], compare_log(same, before, [issue]), partial=True)
     pattern = Known(log="bay_*", method="scp", key="objective")
     assert gone([pattern], compare_log(same, before, [pattern]), partial=True) == []
+
+
+def test_options_other_than_the_baseline_s_are_named_and_objective_is_not_compared_with_other_weights(tmp_path):
+    def options(methods, **weights):
+        found = {"ddp": {"spacing": 0.4}, "scp": {"rounds": 3}, "shortcut": {"tries": 20}}
+        return {"seed": 0, "methods": {m: found[m] for m in methods}, "weights": {"cusp": 5.0, "steer": 0.5} | weights}
+
+    head = {"options": options(("ddp", "scp")), "options_fingerprint": "x", "created": "now"}
+    write_baseline(tmp_path / "b.json", accepted(Baseline(), [log()], [], head)[0])
+    baseline = read_baseline(tmp_path / "b.json")
+    assert other_options(baseline, options(("ddp",))) == ""
+    assert other_options(baseline, options(("ddp", "shortcut"))) == ""
+    assert not uncompared(baseline, options(("ddp",)))
+    other = options(("ddp",), cusp=500.0)
+    other["methods"]["ddp"]["spacing"] = 0.5
+    words = "ddp.spacing 0.5 (baseline: 0.4), weights.cusp 500.0 (baseline: 5.0); the weights differ"
+    assert words in other_options(baseline, other)
+    after = log()
+    method(after)["metrics"]["objective"] *= 8.0
+    told = compare_log(after, baseline.logs["bay_01"], without=uncompared(baseline, other))
+    assert {entry["verdict"] for entry in told} == {"same"}
+    assert other_options(Baseline(options="x", logs=baseline.logs), other, "y").endswith("it does not say which")
+    many = options(("ddp",)) | {"read": {f"o{i}": 1 for i in range(9)}}
+    before = Baseline(settings=many | {"read": {f"o{i}": 2 for i in range(9)}}, logs=baseline.logs)
+    assert "o0 1 (baseline: 2)" in other_options(before, many)
+    assert other_options(before, many).endswith("and 4 more")
 
 
 def test_accepting_keeps_the_figures_of_what_is_known():

@@ -87,6 +87,15 @@ def test_logs_that_are_other_ones_are_told_one_by_one_in_every_report(tmp_path):
         assert note in summary
 
 
+def test_other_options_than_the_baseline_s_stand_in_every_report(tmp_path):
+    found = maker.logs(1)
+    words = "the baseline was made with other options: weights.cusp 1 (baseline: 5)"
+    run = maker.write_run(tmp_path / "run", found, maker.unchanged(found), other_options=words, partial="methods scp")
+    make_report(run)
+    for name in ("report.html", "report.md", "junit.xml", "summary.json"):
+        assert words in (run / name).read_text()
+
+
 def test_figures_follow_from_the_rows(passed):
     run = read_run(passed)
     rows = [row for row in run.rows if row.method == "scp"]

@@ -264,7 +264,7 @@ def _tell(voice: Voice, plan: Plan, store: Store, said: Any, status: ExitStatus)
     for line in (*said["unread"], *(f"left out: {line}" for line in said["damaged"])):
         voice.error(line)
     if said["other_options"]:
-        voice.note("the baseline was made with other options")
+        voice.note(said["other_options"])
     voice.show(f"report: {store.folder / 'report.html'}")
     if voice.common.json:
         document = {key: said[key] for key in ("headline", "failing", "known", "passing", "unread", "files")}

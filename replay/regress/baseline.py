@@ -34,6 +34,8 @@ class Baseline:
     revision: str = ""
     options: str = ""
     """Fingerprint of the options with which it was made."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """These options, as `Settings.plain` gives them; empty where the file does not hold them."""
     logs: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """By the log's name, as `compare.baseline_entry` gives them."""
 
@@ -49,7 +51,7 @@ def read_baseline(path: str | os.PathLike[str]) -> Baseline:
         hint = "move it away, and make it anew with `replay regress accept`"
         raise ReplayError(BASELINE_ERROR, f"{os.fspath(path)}: no {SCHEMA} file: {wrong}; {hint}")
     words = {key: str(document.get(key) or "") for key in ("created", "revision", "options")}
-    return Baseline(**words, logs=document["logs"])
+    return Baseline(**words, settings=document.get("settings") or {}, logs=document["logs"])
 
 
 def _wrong(document: Any) -> str:
@@ -57,6 +59,8 @@ def _wrong(document: Any) -> str:
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         found = document.get("schema") if isinstance(document, dict) else None
         return "it has no schema" if found is None else f"its schema is {str(found)[:60]!r}"
+    if not isinstance(document.get("settings"), (dict, NoneType)):
+        return "settings is no object"
     logs = document.get("logs")
     if not isinstance(logs, dict):
         return "logs is missing"
@@ -102,12 +106,22 @@ def write_baseline(path: str | os.PathLike[str], baseline: Baseline) -> None:
     """Write a baseline, whole or not at all, each result on a line of its own so that changes can be reviewed."""
     head = {"created": baseline.created, "revision": baseline.revision, "options": baseline.options, "schema": SCHEMA}
     lines = ["{"] + [f" {json.dumps(key)}: {json.dumps(value)}," for key, value in sorted(head.items())]
+    if baseline.settings:
+        groups = [f"  {json.dumps(key)}: {_settings(value)}" for key, value in sorted(plain(baseline.settings).items())]
+        lines += [' "settings": {', ",\n".join(groups), " },"]
     lines.append(' "logs": {')
     logs = [_log_lines(name, plain(baseline.logs[name])) for name in sorted(baseline.logs)]
     lines += [",\n".join(logs), " }", "}"]
     content = "\n".join(lines).encode("utf-8", "backslashreplace") + b"\n"
     with atomic_write(path) as temporary:
         temporary.write_bytes(content)
+
+
+def _settings(value: Any) -> str:
+    """One group of options: those of each method on a line of their own."""
+    if not isinstance(value, dict) or not any(isinstance(options, dict) for options in value.values()):
+        return json.dumps(value, sort_keys=True)
+    return "{\n" + ",\n".join(f"   {json.dumps(k)}: {json.dumps(v, sort_keys=True)}" for k, v in value.items()) + "}"
 
 
 def _log_lines(name: str, entry: Mapping[str, Any]) -> str:
@@ -138,10 +152,8 @@ def accepted(
         changes += [entry for entry in entries if entry["verdict"] != "same"]
         logs[document["log"]] = _kept(baseline_entry(document), old, entries)
     about = {key: str(head.get(key) or "") for key in ("created", "revision", "options_fingerprint")}
-    made = Baseline(
-        created=about["created"], revision=about["revision"], options=about["options_fingerprint"], logs=logs
-    )
-    return made, changes
+    about["options"] = about.pop("options_fingerprint")
+    return Baseline(**about, settings=head.get("options") or {}, logs=logs), changes
 
 
 def _kept(entry: Entry, old: Mapping[str, Any] | None, entries: Iterable[Entry]) -> Mapping[str, Any]:

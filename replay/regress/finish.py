@@ -16,6 +16,7 @@ from replay.files import atomic_write
 from replay.regress.baseline import Baseline, read_baseline
 from replay.regress.compare import Entry, compare_log, gone, missing_log
 from replay.regress.corpus import Known
+from replay.regress.differing import other_options, uncompared
 from replay.regress.reports import make_report
 from replay.regress.reports.facts import ranked, state
 from replay.regress.reports.groups import gravest, groups
@@ -46,12 +47,13 @@ def judge(folder: pathlib.Path) -> list[Entry]:
     head = store.head()
     known = [Known(**issue) for issue in head.get("known") or ()]
     baseline = read_baseline(head["baseline"]) if head.get("baseline") else Baseline()
+    without = uncompared(baseline, head["options"]) if head.get("options") else ()
     entries: list[Entry] = []
     names = []
     for document in store.documents():
         names.append(document["log"])
         whole = not head.get("partial_methods")
-        entries += compare_log(document, baseline.logs.get(document["log"]), known, whole=whole)
+        entries += compare_log(document, baseline.logs.get(document["log"]), known, whole=whole, without=without)
     if not head.get("partial") and head.get("complete"):
         entries += [missing_log(name, known) for name in sorted(baseline.logs.keys() - set(names))]
     entries += gone(known, entries, partial=bool(head.get("partial")))
@@ -67,7 +69,8 @@ def conclude(folder: pathlib.Path, history: pathlib.Path, accept: str) -> dict[s
     head = store.head()
     done = store.done()
     planned = [file_stem(name) + ".json" for name in head.get("logs") or ()]
-    store.write_head(_without_schema(head) | {"complete": done.issuperset(planned)})
+    other = {"other_options": _other_options(head)}
+    store.write_head(_without_schema(head) | {"complete": done.issuperset(planned)} | other)
     judge(folder)
     report = make_report(folder, history, accept)
     run = report.run
@@ -83,7 +86,7 @@ def conclude(folder: pathlib.Path, history: pathlib.Path, accept: str) -> dict[s
         "passing": _few([change.note for change in run.changes if change.key == "known issue"]),
         "unread": _few([f"{error.log}: {error.error}" for error in run.errors if not error.expected]),
         "damaged": _few(run.damaged),
-        "other_options": _has_other_options(head),
+        "other_options": run.other_options,
         "files": [str(path) for path in report.files],
     }
 
@@ -94,11 +97,12 @@ def _few(lines: Sequence[str]) -> list[str]:
     return [*lines[:_MOST_LINES], *([f"and {more} more, in the report"] if more > 0 else [])]
 
 
-def _has_other_options(head: Mapping[str, Any]) -> bool:
-    """Whether the baseline was made with other options than a whole run."""
-    if not head.get("baseline") or head.get("partial_methods"):
-        return False
-    return read_baseline(head["baseline"]).options != head.get("options_fingerprint")
+def _other_options(head: Mapping[str, Any]) -> str:
+    if not head.get("baseline") or not head.get("options"):
+        return ""
+    baseline = read_baseline(head["baseline"])
+    fingerprint = "" if head.get("partial_methods") else str(head.get("options_fingerprint") or "")
+    return other_options(baseline, head["options"], fingerprint)
 
 
 def _without_schema(head: Mapping[str, Any]) -> dict[str, Any]:

@@ -36,6 +36,8 @@ class Job:
     before: Mapping[str, Any] | None = None
     """The baseline's entry, where there is one."""
     known: tuple[Known, ...] = ()
+    without: tuple[str, ...] = ()
+    """Metrics that are not compared."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +64,7 @@ def work(job: Job, solve: SolveEach, tell: Tell) -> Outcome:
     except Exception as error:  # a border: a defect of ours, which must not cost the other logs
         words = " ".join(str(error).split())
         return publish_error(job, "E_INTERNAL", f"internal error, {type(error).__name__}: {words}")
-    entries = compare_log(document, job.before, job.known, whole=job.whole)
+    entries = compare_log(document, job.before, job.known, whole=job.whole, without=job.without)
     for case, run in zip(document["cases"], runs, strict=True):
         if _wants_recording(job, case["case"], entries):
             tell(f"recording {case['case']}")

@@ -76,6 +76,7 @@ def summarize(run: RunData) -> dict[str, Any]:
         "complete": run.complete,
         "partial": run.partial,
         "compared": run.compared,
+        "other_options": run.other_options,
         "state": state(run),
         "headline": headline(run),
         "logs": len(run.logs),

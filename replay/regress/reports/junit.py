@@ -49,6 +49,8 @@ def _suite(name: str, tests: Sequence[ET.Element], run: RunData) -> ET.Element:
         suite.set("timestamp", run.created)
     properties = ET.SubElement(suite, "properties")
     about = {"revision": run.revision, "corpus": run.corpus, "partial": run.partial}
+    if run.other_options:
+        about["other options"] = run.other_options
     about["complete"] = "yes" if run.complete else "no"
     for key, value in about.items():
         ET.SubElement(properties, "property", {"name": key, "value": value})

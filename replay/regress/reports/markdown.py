@@ -22,6 +22,8 @@ def markdown(run: RunData, accept: str = "") -> str:
         parts.append("**Unfinished:** this is what there is so far.")
     if run.partial:
         parts.append(f"**Only a part of the corpus:** {escaped(run.partial)}.")
+    if run.other_options:
+        parts.append(f"**Other options:** {escaped(run.other_options)}.")
     if run.damaged:
         parts.append(f"**{count(len(run.damaged), 'file')} of the run cannot be read** and are left out.")
     unexpected = [error for error in run.errors if not error.expected]

@@ -105,6 +105,8 @@ class RunData:
     """Whether every log was worked on."""
     partial: str
     """What the run was restricted to, in words; empty for the whole corpus."""
+    other_options: str
+    """With which other options the baseline was made, in words; empty where with the same."""
     planned: int | None
     """Number of logs that were to be worked on, where it is known."""
     rows: tuple[Row, ...]

@@ -77,6 +77,7 @@ def _about(folder: pathlib.Path) -> dict[str, Any]:
             "methods": fields.words(head, "methods"),
             "complete": bool(head.get("complete")),
             "partial": fields.text(head, "partial", ""),
+            "other_options": fields.text(head, "other_options", "", fields.LONGEST_TEXT),
             "planned": None if num_logs is None else round(num_logs),
         }
     except (JsonError, Malformed) as error:
