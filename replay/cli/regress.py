@@ -6,6 +6,7 @@ import pathlib
 import shlex
 import sys
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
@@ -29,7 +30,7 @@ from replay.regress.baseline import (
     read_baseline,
     write_baseline,
 )
-from replay.regress.cluster import CLUSTER_ERROR, check_address, run_on_cluster
+from replay.regress.cluster import CLUSTER_ERROR, check_address, connected
 from replay.regress.corpus import Known, find_corpus
 from replay.regress.finish import FINISH_ERROR, finish
 from replay.regress.pool import run_here
@@ -38,6 +39,7 @@ from replay.regress.running import Execute, Plan, carry_out, resumed, start
 from replay.regress.selection import select
 from replay.regress.settings import DIRTY, Recordings
 from replay.regress.store import Store
+from replay.regress.work import Outcome
 
 _FLAT = Parameter(name="*")
 _PARTIAL = ("--method", "--tag", "--only")
@@ -146,8 +148,9 @@ def run(
         partial_methods=bool(named),
         shuffle=shuffle,
     )
-    store = resumed(plan, out) if resume else start(plan, out)
-    status = _carried_out(voice, plan, store, out, _executor(scheduler, jobs))
+    with _executor(voice, scheduler, jobs) as execute:
+        store = resumed(plan, out) if resume else start(plan, out)
+        status = _carried_out(voice, plan, store, out, execute)
     if against is None or status in (ExitStatus.INTERRUPTED, ExitStatus.USAGE):
         return status
     return ExitStatus.SHORT if time_against(voice, plan, store, against) else status
@@ -222,10 +225,10 @@ def _shown(value: Any) -> str:
     return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
-def _executor(scheduler: str | None, jobs: int) -> Execute:
+def _executor(voice: Voice, scheduler: str | None, jobs: int) -> AbstractContextManager[Execute]:
     if scheduler is not None:
-        return lambda waiting: run_on_cluster(waiting, scheduler)
-    return lambda waiting: run_here(waiting, jobs)
+        return connected(scheduler, voice.note)
+    return nullcontext(lambda waiting: run_here(waiting, jobs))
 
 
 def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, execute: Execute) -> int:
@@ -233,9 +236,15 @@ def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, exec
     from replay.regress.bar import Bar
 
     voice.note(f"{store.folder}: {len(plan.logs)} logs, {', '.join(plan.settings.methods)}")
+
+    def progress(outcome: Outcome | None, done: int, total: int) -> None:
+        if outcome is None and done:
+            voice.note(f"{done} of {total} logs are done")
+        bar.outcome(outcome, done, total)
+
     try:
         with Bar(voice.people, enabled=voice.wants_progress) as bar:
-            carry_out(plan, store, execute, bar.outcome)
+            carry_out(plan, store, execute, progress)
         said = finish(store.folder, out, _accept(plan, store))
     except KeyboardInterrupt:
         voice.error(f"interrupted; what was finished is kept in {store.folder}")
@@ -245,6 +254,7 @@ def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, exec
         if error.code not in _SHORT:
             raise
         voice.error(str(error))
+        voice.error(f"the rest: {_again()}")
         return ExitStatus.SHORT
     status = _status(said)
     try:

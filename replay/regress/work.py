@@ -4,7 +4,7 @@ import dataclasses
 import hashlib
 import os
 import pathlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,6 +38,18 @@ class Job:
     known: tuple[Known, ...] = ()
     without: tuple[str, ...] = ()
     """Metrics that are not compared."""
+    place: str = ""
+    """Where the log is, if `log.path` is relative to another working directory."""
+
+    @property
+    def file(self) -> str:
+        """Where the log is; on a cluster, the same from every working directory."""
+        return self.place or self.log.path
+
+    def anywhere(self) -> "Job":
+        """The same job for processes of another working directory."""
+        is_file = not self.log.path.startswith(STORES)
+        return dataclasses.replace(self, place=os.path.abspath(self.log.path)) if is_file else self  # noqa: PTH100
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,11 +103,12 @@ def _published(job: Job, document: Mapping[str, Any], state: str) -> Outcome:
 def _worked(job: Job, solve: SolveEach, tell: Tell) -> tuple[dict[str, Any], list[Run]]:
     tell("reading")
     runs = []
-    for number, case in enumerate(read_cases(local_file(job.log.path), job.settings.read)):
+    for number, case in enumerate(read_cases(local_file(job.file), job.settings.read)):
         named = dataclasses.replace(
             case,
             name=f"{job.log.name}/{number}",
             log=pathlib.Path(job.log.path),
+            read=dataclasses.replace(case.read, notes=_as_named(job, case.read.notes)),
             problem=dataclasses.replace(case.problem, weights=job.settings.weights),
         )
         tell(f"measuring {named.name}")
@@ -112,13 +125,18 @@ def _worked(job: Job, solve: SolveEach, tell: Tell) -> tuple[dict[str, Any], lis
     return document | {"sha256": runs[0].case.sha256 if runs else None}, runs
 
 
+def _as_named(job: Job, notes: Iterable[str]) -> tuple[str, ...]:
+    """Notes on a log with the path that the corpus gives it."""
+    return tuple(note.replace(job.file, job.log.path) for note in notes)
+
+
 def _outline(job: Job) -> dict[str, Any]:
     log = job.log
     return {
         "schema": LOG_SCHEMA,
         "log": log.name,
         "path": log.path,
-        "sha256": digest(log.path),
+        "sha256": digest(job.file),
         "class": log.kind,
         "tags": list(log.tags),
         "expect": log.expect,
