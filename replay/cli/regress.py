@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from replay.cli import drop_output
-from replay.cli.against import time_against
+from replay.cli.against import tell_timing, time_against
 from replay.cli.console import Common, Voice
 from replay.cli.optimize import MethodFlags, WeightFlags
 from replay.cli.options import UsageError
@@ -39,6 +39,7 @@ from replay.regress.running import Execute, Plan, carry_out, resumed, start
 from replay.regress.selection import select
 from replay.regress.settings import DIRTY, Recordings
 from replay.regress.store import Store
+from replay.regress.timing import AGAINST_ERROR, Comparison, check_version
 from replay.regress.work import Outcome
 
 _FLAT = Parameter(name="*")
@@ -138,6 +139,8 @@ def run(
     logs, partial = select(found, named, tag or (), only or ())
     compared_with = default_baseline(baseline, found.baseline)
     check_baseline(compared_with, found)
+    if against is not None:
+        check_version(against)
     plan = Plan(
         corpus=found.path,
         logs=logs,
@@ -150,10 +153,7 @@ def run(
     )
     with _executor(voice, scheduler, jobs) as execute:
         store = resumed(plan, out) if resume else start(plan, out)
-        status = _carried_out(voice, plan, store, out, execute)
-    if against is None or status in (ExitStatus.INTERRUPTED, ExitStatus.USAGE):
-        return status
-    return ExitStatus.SHORT if time_against(voice, plan, store, against) else status
+        return _carried_out(voice, plan, store, out, execute, against)
 
 
 @regress.command
@@ -231,7 +231,9 @@ def _executor(voice: Voice, scheduler: str | None, jobs: int) -> AbstractContext
     return nullcontext(lambda waiting: run_here(waiting, jobs))
 
 
-def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, execute: Execute) -> int:
+def _carried_out(
+    voice: Voice, plan: Plan, store: Store, out: pathlib.Path, execute: Execute, against: str | None
+) -> int:
     """Do a run, or its rest, and say what came of it; the exit status."""
     from replay.regress.bar import Bar
 
@@ -245,6 +247,7 @@ def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, exec
     try:
         with Bar(voice.people, enabled=voice.wants_progress) as bar:
             carry_out(plan, store, execute, progress)
+        timed = None if against is None else _timed(voice, plan, store, against)
         said = finish(store.folder, out, _accept(plan, store))
     except KeyboardInterrupt:
         voice.error(f"interrupted; what was finished is kept in {store.folder}")
@@ -256,12 +259,25 @@ def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, exec
         voice.error(str(error))
         voice.error(f"the rest: {_again()}")
         return ExitStatus.SHORT
-    status = _status(said)
+    status = ExitStatus.SHORT if against is not None and timed is None else _status(said)
     try:
         _tell(voice, plan, store, said, status)
+        if timed is not None:
+            tell_timing(voice, str(against), timed)
     except BrokenPipeError:  # who reads the first lines alone must not turn a regression into a success
         drop_output()
     return status
+
+
+def _timed(voice: Voice, plan: Plan, store: Store, against: str) -> dict[str, Comparison] | None:
+    """What timing gives; None where it failed, which costs no result."""
+    try:
+        return time_against(voice, plan, store, against)
+    except ReplayError as error:
+        if error.code != AGAINST_ERROR:
+            raise
+        voice.error(str(error))
+        return None
 
 
 def _tell(voice: Voice, plan: Plan, store: Store, said: Any, status: ExitStatus) -> None:
@@ -280,7 +296,7 @@ def _tell(voice: Voice, plan: Plan, store: Store, said: Any, status: ExitStatus)
         document = {key: said[key] for key in ("headline", "failing", "known", "passing", "unread", "files")}
         about = {"schema": "replay.regress/1", "exit_status": int(status), "run": str(store.folder)}
         voice.document(about | document | {"summary": json.loads((store.folder / SUMMARY).read_text())})
-    if said["state"] in ("failed", "unjudged"):
+    if said["failing"] or said["state"] == "unjudged":
         voice.note(_advice(plan, store, said["state"]))
 
 

@@ -82,6 +82,8 @@ def summarize(run: RunData) -> dict[str, Any]:
         "logs": len(run.logs),
         "results": len(run.rows),
         "verdicts": tally(run.changes),
+        "against": run.against,
+        "timing": [asdict(each) for each in run.timing],
         "changes": [asdict(change) for change in ranked(run.changes)],
         "unread": [asdict(error) for error in run.errors],
         "damaged": list(run.damaged),

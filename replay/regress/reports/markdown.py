@@ -39,7 +39,9 @@ def markdown(run: RunData, accept: str = "") -> str:
         parts.append(f"{len(changed) - MOST_LINES} more lines are in `report.html`.")
     if run.rows:
         parts.append(_methods(run))
-    if accept and state(run) == "failed":
+    if run.timing:
+        parts.append(_timing(run))
+    if accept and run.failing:
         parts.append(f"If this is meant: `{accept.replace('`', '')}`")
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -67,6 +69,16 @@ def _methods(run: RunData) -> str:
         rows.append(row)
     header = ["method", "improved", "failed", "J / recorded J", "median time [s]"]
     return _table(header, rows, right=header[1:])
+
+
+def _timing(run: RunData) -> str:
+    rows = []
+    for each in run.timing:
+        interval = "too few logs" if each.low is None else f"{fixed(each.low, 3)} to {fixed(each.high, 3)}"
+        verdict = "✗ slower" if each.slower else ""
+        rows.append([escaped(each.method), fixed(each.ratio, 3), interval, str(each.logs), verdict])
+    header = [f"times against {escaped(run.against)}", "new / old", "95 % interval", "logs", ""]
+    return _table(header, rows, right=("new / old", "95 % interval", "logs"))
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[str]) -> str:

@@ -89,6 +89,21 @@ class Change:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Timed:
+    """The times of one method, or of "all", over those of another version on the same logs."""
+
+    method: str
+    ratio: float
+    """Geometric mean of new over old [-]."""
+    low: float | None
+    high: float | None
+    """95 % interval; None where there are too few logs for one."""
+    logs: int
+    slower: bool
+    """Whether this version is slower for certain."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunData:
     """One run of a regression, as its folder says."""
 
@@ -115,6 +130,9 @@ class RunData:
     """Every comparison, those that say "same" too."""
     compared: bool
     """Whether the run has been compared with a baseline."""
+    against: str
+    """The version that this one was timed against; empty without."""
+    timing: tuple[Timed, ...]
     damaged: tuple[str, ...]
     """Files of the run that cannot be read, one line each."""
 
@@ -122,6 +140,11 @@ class RunData:
     def logs(self) -> list[str]:
         """Names of the logs that were worked on, those in vain too."""
         return sorted({row.log for row in self.rows} | {error.log for error in self.errors})
+
+    @property
+    def slower(self) -> list[str]:
+        """The methods that are slower for certain than in the other version; "all" is one."""
+        return [each.method for each in self.timing if each.slower]
 
     @property
     def failing(self) -> list[Change]:

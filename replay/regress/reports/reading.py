@@ -8,11 +8,12 @@ from typing import Any, TypeVar
 from replay.errors import ReplayError, printable
 from replay.regress.reports import fields
 from replay.regress.reports.fields import Malformed
-from replay.regress.reports.model import VERDICTS, Change, LogError, Row, RunData
+from replay.regress.reports.model import VERDICTS, Change, LogError, Row, RunData, Timed
 from replay.strict_json import JsonError, read_json
 
 RUN_ERROR = "E_RUN"
 RUN_SCHEMA, LOG_SCHEMA, VERDICTS_SCHEMA = "replay.run/1", "replay.run.log/1", "replay.verdicts/1"
+TIMING, TIMING_SCHEMA = "timing.json", "replay.timing/1"
 LARGEST_LOG = 64 * 2**20
 LARGEST_VERDICTS = 512 * 2**20
 """Largest files that are read [bytes]."""
@@ -33,6 +34,9 @@ def read_run(folder: pathlib.Path) -> RunData:
     verdicts = folder / "verdicts.json"
     if verdicts.exists():
         changes = _tolerant(verdicts, VERDICTS_SCHEMA, LARGEST_VERDICTS, damaged, _changes)
+    timing: tuple[str, tuple[Timed, ...]] | None = None
+    if (folder / TIMING).exists():
+        timing = _tolerant(folder / TIMING, TIMING_SCHEMA, LARGEST_VERDICTS, damaged, _timing)
     methods = dict.fromkeys((*about.pop("methods"), *(row.method for row in rows)))
     return RunData(
         **about,
@@ -42,6 +46,8 @@ def read_run(folder: pathlib.Path) -> RunData:
         errors=tuple(errors),
         changes=tuple(changes or ()),
         compared=bool(changes) and any(change.verdict != "new" for change in changes),
+        against=timing[0] if timing else "",
+        timing=timing[1] if timing else (),
         damaged=tuple(damaged),
     )
 
@@ -148,6 +154,20 @@ def _recording(folder: pathlib.Path, name: Any) -> str | None:
     if path.is_absolute() or ".." in path.parts or path.suffix != ".rrd":
         return None
     return path.as_posix() if (folder / path).is_file() else None
+
+
+def _timing(data: Mapping[str, Any]) -> tuple[str, tuple[Timed, ...]]:
+    compared = fields.mapping(data, "compared")
+    found = []
+    for method in compared:
+        entry = fields.mapping(compared, method)
+        figures = {key: fields.number(entry, key) for key in ("low", "high")}
+        ratio, logs = fields.number(entry, "ratio"), fields.number(entry, "pairs")
+        if ratio is None or logs is None:
+            raise Malformed(f"compared.{method[:60]} has no ratio of a number of pairs")
+        slower = bool(fields.flag(entry, "alarm"))
+        found.append(Timed(method=printable(method), ratio=ratio, **figures, logs=round(logs), slower=slower))
+    return fields.text(data, "against"), tuple(found)
 
 
 def _changes(data: Mapping[str, Any]) -> list[Change]:
