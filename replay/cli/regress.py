@@ -291,6 +291,8 @@ def _tell(voice: Voice, plan: Plan, store: Store, said: Any, status: ExitStatus)
         voice.error(line)
     if said["other_options"]:
         voice.note(said["other_options"])
+    for line in filter(None, (said["unwritten"], said["twice"])):
+        voice.note(line)
     voice.show(f"report: {store.folder / 'report.html'}")
     if voice.common.json:
         document = {key: said[key] for key in ("headline", "failing", "known", "passing", "unread", "files")}

@@ -6,12 +6,10 @@ from typing import Any
 
 from replay.regress.corpus import Known
 from replay.regress.gate import Metric, Value, metrics_of
-from replay.regress.reports.model import FAILING
+from replay.regress.reports.model import CRASHES, FAILING
 from replay.regress.reports.numbers import count
 
 Entry = dict[str, Any]
-CRASHES = ("E_CRASHED", "E_HUNG", "E_INTERNAL", "E_MEMORY")
-"""Codes of logs on which the program itself, not the log, was at fault."""
 _DECLARED = "against what corpus.toml expects"
 
 

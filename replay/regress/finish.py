@@ -21,6 +21,8 @@ from replay.regress.reports import make_report
 from replay.regress.reports.facts import ranked, state
 from replay.regress.reports.groups import gravest, groups
 from replay.regress.reports.junit import explained
+from replay.regress.reports.model import LogError, RunData
+from replay.regress.reports.numbers import count
 from replay.regress.reports.reading import VERDICTS_SCHEMA
 from replay.regress.store import Store, file_stem
 from replay.results import plain
@@ -28,6 +30,7 @@ from replay.strict_json import parse_json
 
 FINISH_ERROR = "E_REPORT"
 _MOST_LINES = 20
+_MOST_TWICE = 5
 
 
 def finish(folder: pathlib.Path, history: pathlib.Path, accept: str) -> dict[str, Any]:
@@ -84,11 +87,34 @@ def conclude(folder: pathlib.Path, history: pathlib.Path, accept: str) -> dict[s
         "failing_more": max(0, len(lines) - _MOST_LINES),
         "known": [group.sentence for group in told if group.verdict == "known"][:_MOST_LINES],
         "passing": _few([change.note for change in run.changes if change.key == "known issue"]),
-        "unread": _few([f"{error.log}: {error.error}" for error in run.errors if not error.expected]),
+        "unread": _few([_unread(error) for error in run.errors if not error.expected]),
+        "unwritten": _unwritten(run),
+        "twice": _twice(run),
         "damaged": _few(run.damaged),
         "other_options": run.other_options,
         "files": [str(path) for path in report.files],
     }
+
+
+def _unread(error: LogError) -> str:
+    return f"{error.log}: {error.error}" + (f"; {error.cure}" if error.cure else "")
+
+
+def _unwritten(run: RunData) -> str:
+    """How many recordings could not be written, and why the first could not."""
+    reasons = {row.case: row.recording_error for row in run.rows if row.recording_error}
+    first = next(iter(reasons.values()), "")
+    return f"{count(len(reasons), 'recording')} could not be written: {first}" if reasons else ""
+
+
+def _twice(run: RunData) -> str:
+    """Which logs have the same content."""
+    names: dict[str, dict[str, None]] = {}
+    for row in run.rows:
+        names.setdefault(row.sha256, {})[row.log] = None
+    same = [" = ".join(logs) for sha256, logs in names.items() if sha256 and len(logs) > 1]
+    more = f", and {len(same) - _MOST_TWICE} more" if len(same) > _MOST_TWICE else ""
+    return f"logs with the same content: {', '.join(same[:_MOST_TWICE])}{more}" if same else ""
 
 
 def _few(lines: Sequence[str]) -> list[str]:

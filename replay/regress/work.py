@@ -88,11 +88,9 @@ def publish_error(job: Job, code: str, message: str) -> Outcome:
     """Publish that a log could not be worked on."""
     document = _outline(job) | {"error": {"code": code, "message": message}, "cases": []}
     entries = compare_log(document, job.before, job.known, whole=job.whole)
-    return _published(job, document, worst(entries) if worst(entries) != "same" else _read_state(document))
-
-
-def _read_state(document: Mapping[str, Any]) -> str:
-    return "same" if document["error"]["code"] == document["expect"] else "unread"
+    known = code == job.log.expect or any(entry["verdict"] in ("same", "known") for entry in entries)
+    state = worst(entries)
+    return _published(job, document, "unread" if state == "same" and not known else state)
 
 
 def _published(job: Job, document: Mapping[str, Any], state: str) -> Outcome:

@@ -80,6 +80,8 @@ def _test(
         outcome.text = "\n".join(explained(change) for change in failing)
         if row is not None and row.recording:
             outcome.text += f"\nrecording: {row.recording}"
+        if row is not None and row.recording_error:
+            outcome.text += f"\nrecording: could not be written: {row.recording_error}"
         if row is not None and row.reason:
             outcome.text += f"\n{row.status} ({row.stop}): {row.reason}"
     elif known:

@@ -30,6 +30,11 @@ def markdown(run: RunData, accept: str = "") -> str:
     if unexpected:
         names = ", ".join(escaped(error.log) for error in unexpected[:MOST_LINES])
         parts.append(f"{count(len(unexpected), 'log')} could not be used: {names}")
+        parts += [escaped(error.cure) for error in unexpected[:MOST_LINES] if error.cure]
+    unwritten = {row.case: row.recording_error for row in run.rows if row.recording_error}
+    if unwritten:
+        reason = escaped(next(iter(unwritten.values())))
+        parts.append(f"**{count(len(unwritten), 'recording')} could not be written:** {reason}")
     changed = groups(run) if run.compared else []  # else all is new, which the headline says
     others = [group.sentence for group in changed if group.verdict == "changed"]
     parts += [f"**{escaped(line)}**" for line in others[:MOST_LINES]]

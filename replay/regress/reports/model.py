@@ -10,6 +10,9 @@ are not compared."""
 FAILING: Final = frozenset({"crashed", "missing", "changed", "worse"})
 """Verdicts with which a run fails."""
 
+CRASHES: Final = ("E_CRASHED", "E_HUNG", "E_INTERNAL", "E_MEMORY")
+"""Codes of logs on which the program itself, not the log, was at fault."""
+
 Numbers = Mapping[str, float]
 
 
@@ -42,6 +45,8 @@ class Row:
     wall_s: float | None
     recording: str | None
     """Path of the recording within the run's folder, where there is one."""
+    recording_error: str
+    """Why it could not be written; empty where it could, or was not wanted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +57,9 @@ class LogError:
     kind: str
     error: str
     expected: bool
-    """Whether the corpus says that this log cannot be used."""
+    """Whether the corpus says that this log cannot be used, or it is as in the baseline, or a known issue."""
+    cure: str
+    """How the corpus would say so; empty where that is no cure."""
 
 
 @dataclass(frozen=True, kw_only=True)
