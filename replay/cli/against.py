@@ -6,19 +6,43 @@ from dataclasses import asdict
 from rich.table import Table
 
 from replay.cli.console import Voice
-from replay.errors import printable
+from replay.errors import ReplayError, printable
 from replay.files import atomic_write
 from replay.regress.bar import Bar
 from replay.regress.corpus import STORES
 from replay.regress.reports.reading import TIMING, TIMING_SCHEMA
 from replay.regress.running import Plan
 from replay.regress.store import Store
-from replay.regress.timing import ALARM, LEAST_PAIRS, Comparison, Server, judged, measure, this_version, version
+from replay.regress.timing import (
+    AGAINST_ERROR,
+    ALARM,
+    LEAST_PAIRS,
+    Comparison,
+    Server,
+    judged,
+    measure,
+    this_version,
+    version,
+)
 from replay.regress.work import local_file
 
 
-def time_against(voice: Voice, plan: Plan, store: Store, name: str) -> dict[str, Comparison]:
+def time_against(voice: Voice, plan: Plan, store: Store, name: str) -> dict[str, Comparison] | None:
     """Time this version and another one in turns, and write timing.json into the run, for its reports.
+
+    None, and a line that says why, where that fails: it costs no result.
+    """
+    try:
+        return _timed(voice, plan, store, name)
+    except ReplayError as error:
+        if error.code != AGAINST_ERROR:
+            raise
+        voice.error(str(error))
+        return None
+
+
+def _timed(voice: Voice, plan: Plan, store: Store, name: str) -> dict[str, Comparison]:
+    """The comparison by method, also written.
 
     Methods are timed with their default options: those are what both versions have. Raises ReplayError (E_AGAINST).
     """

@@ -5,7 +5,7 @@ import json
 import pathlib
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Annotated, Any
 
@@ -22,9 +22,9 @@ from replay.cli.settings import RUN, Layer, layer_of_assignments, layer_of_file,
 from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError
 from replay.files import WRITE_ERROR
+from replay.regress.acceptance import Wanted, accepted
 from replay.regress.baseline import (
     Baseline,
-    accepted,
     check_baseline,
     default_baseline,
     read_baseline,
@@ -35,11 +35,12 @@ from replay.regress.corpus import Known, find_corpus
 from replay.regress.finish import FINISH_ERROR, finish
 from replay.regress.pool import run_here
 from replay.regress.reports.history import SUMMARY
+from replay.regress.reports.numbers import count
 from replay.regress.running import Execute, Plan, carry_out, resumed, start
 from replay.regress.selection import select
 from replay.regress.settings import DIRTY, Recordings
 from replay.regress.store import Store
-from replay.regress.timing import AGAINST_ERROR, Comparison, check_version
+from replay.regress.timing import check_version
 from replay.regress.work import Outcome
 
 _FLAT = Parameter(name="*")
@@ -163,6 +164,8 @@ def accept(
     /,
     *,
     baseline: pathlib.Path | None = None,
+    only: Annotated[list[str] | None, Parameter(negative=())] = None,
+    method: Annotated[list[str] | None, Parameter(negative=())] = None,
     common: Annotated[Common | None, _FLAT] = None,
 ) -> int:
     """Make a run the baseline: print every change against the present one, and write it.
@@ -175,6 +178,10 @@ def accept(
         Folder of the run.
     baseline
         File to write; by default that with which the run was compared.
+    only
+        Take over only logs whose name fits this pattern, as 'full/odd_*'; may be given several times.
+    method
+        Take over only this method's results, by name; several with commas between, or by giving this several times.
     """
     voice = Voice(common or Common())
     store = Store(run)
@@ -182,15 +189,19 @@ def accept(
     file = _to_write(run, head, baseline)
     before = read_baseline(file) if file.exists() else Baseline()
     known = [Known(**issue) for issue in head.get("known") or ()]
-    made, changes = accepted(before, store.documents(), known, head)
+    wanted = Wanted(logs=only or (), methods=[name.strip() for names in method or () for name in names.split(",")])
+    done = accepted(before, store.documents(), known, head, wanted)
+    made, changes = done.baseline, done.changes
     lost = sorted(before.logs.keys() - made.logs.keys())
     voice.show(*_changed(changes), *(f"out: {name}" for name in lost))
+    if done.kept:
+        voice.show(f"as it was: {count(done.kept, 'result')} of the baseline, by --only and --method")
     write_baseline(file, made)
     if DIRTY in made.revision:
         voice.note(f"{made.revision}: its program is no commit's, so that nobody can make this baseline again")
     voice.show(f"wrote {file}: {len(made.logs)} logs; {len(changes)} changes, {len(lost)} logs out")
     about = {"schema": "replay.accept/1", "exit_status": 0, "baseline": str(file)}
-    voice.document(about | {"changes": changes, "out": lost})
+    voice.document(about | {"changes": changes, "out": lost, "kept": done.kept})
     return ExitStatus.OK
 
 
@@ -205,7 +216,7 @@ def _to_write(run: pathlib.Path, head: dict[str, Any], baseline: pathlib.Path | 
     return baseline or pathlib.Path(head["accept_to"])
 
 
-def _changed(changes: list[dict[str, Any]]) -> Iterator[str]:
+def _changed(changes: Sequence[dict[str, Any]]) -> Iterator[str]:
     """A line for each change; what is new of one result is one line."""
 
     def place(entry: dict[str, Any]) -> tuple[bool, str]:
@@ -247,7 +258,7 @@ def _carried_out(
     try:
         with Bar(voice.people, enabled=voice.wants_progress) as bar:
             carry_out(plan, store, execute, progress)
-        timed = None if against is None else _timed(voice, plan, store, against)
+        timed = None if against is None else time_against(voice, plan, store, against)
         said = finish(store.folder, out, _accept(plan, store))
     except KeyboardInterrupt:
         voice.error(f"interrupted; what was finished is kept in {store.folder}")
@@ -267,17 +278,6 @@ def _carried_out(
     except BrokenPipeError:  # who reads the first lines alone must not turn a regression into a success
         drop_output()
     return status
-
-
-def _timed(voice: Voice, plan: Plan, store: Store, against: str) -> dict[str, Comparison] | None:
-    """What timing gives; None where it failed, which costs no result."""
-    try:
-        return time_against(voice, plan, store, against)
-    except ReplayError as error:
-        if error.code != AGAINST_ERROR:
-            raise
-        voice.error(str(error))
-        return None
 
 
 def _tell(voice: Voice, plan: Plan, store: Store, said: Any, status: ExitStatus) -> None:

@@ -3,15 +3,14 @@
 import json
 import os
 import pathlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import NoneType
 from typing import Any
 
 from replay.errors import ReplayError
 from replay.files import atomic_write
-from replay.regress.compare import Entry, baseline_entry, compare_log
-from replay.regress.corpus import Corpus, Known
+from replay.regress.corpus import Corpus
 from replay.regress.reports.numbers import count
 from replay.results import plain
 from replay.strict_json import JsonError, read_json
@@ -135,41 +134,6 @@ def _log_lines(name: str, entry: Mapping[str, Any]) -> str:
     fields = [f"   {json.dumps(key)}: {json.dumps(value)}," for key, value in about.items()]
     fields.append('   "cases": {' + ("\n" + ",\n".join(cases) if cases else "") + "}")
     return "\n".join([f"  {json.dumps(name)}: {{", *fields, "  }"])
-
-
-def accepted(
-    before: Baseline, documents: Iterable[Mapping[str, Any]], known: Sequence[Known], head: Mapping[str, Any]
-) -> tuple[Baseline, list[Entry]]:
-    """The baseline that a run makes, and every change against the one before.
-
-    What a known issue covers keeps the figures that it had: else the issue would be what is expected from now on.
-    """
-    logs: dict[str, Mapping[str, Any]] = {}
-    changes: list[Entry] = []
-    for document in documents:
-        old = before.logs.get(document["log"])
-        entries = compare_log(document, old, known)
-        changes += [entry for entry in entries if entry["verdict"] != "same"]
-        logs[document["log"]] = _kept(baseline_entry(document), old, entries)
-    about = {key: str(head.get(key) or "") for key in ("created", "revision", "options_fingerprint")}
-    about["options"] = about.pop("options_fingerprint")
-    return Baseline(**about, settings=head.get("options") or {}, logs=logs), changes
-
-
-def _kept(entry: Entry, old: Mapping[str, Any] | None, entries: Iterable[Entry]) -> Mapping[str, Any]:
-    """A log's entry with the old figures of what is known."""
-    for change in entries:
-        if change["verdict"] != "known" or old is None:
-            continue
-        if not change["case"]:
-            return old
-        number = change["case"].rpartition("/")[2]
-        figures = old["cases"].get(number, {}).get(change["method"])
-        if figures is not None and change["key"] == "status":
-            entry["cases"].setdefault(number, {})[change["method"]] = figures
-        elif figures is not None and change["key"] in figures:
-            entry["cases"][number][change["method"]][change["key"]] = figures[change["key"]]
-    return entry
 
 
 def default_baseline(given: pathlib.Path | None, corpus: str | None) -> pathlib.Path | None:

@@ -14,7 +14,7 @@ _MOST = 5
 def uncompared(baseline: Baseline, options: Mapping[str, Any]) -> frozenset[str]:
     """Metrics that mean something else in the baseline than in a run with these options."""
     weights = baseline.settings.get("weights", {})
-    differs = any(_differences(weights, plain(options["weights"]))) if weights else False
+    differs = any(_differences(weights, plain(options.get("weights") or {})))
     return frozenset({"objective"} if differs else ())
 
 
