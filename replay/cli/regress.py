@@ -52,9 +52,9 @@ _SHORT = (WRITE_ERROR, FINISH_ERROR, CLUSTER_ERROR)
 regress = App(
     name="regress",
     help_format="plaintext",
-    help_epilogue="Exit status: 0 nothing is worse than the baseline; 1 something is worse, missing or crashed, or a log"
-    " is another one; 2 wrong usage; 3 logs could not be read of which nothing is known; 130 interrupted, --resume does"
-    " the rest.",
+    help_epilogue="Exit status: 0 nothing is worse than the baseline; 1 something is worse, missing or crashed, or a"
+    " log is another one; 2 wrong usage; 3 logs could not be read of which nothing is known; 130 interrupted, --resume"
+    " does the rest.",
 )
 
 
