@@ -15,7 +15,7 @@ import regress_help as help
 from optim.methods import METHODS
 from replay.cli import main
 from replay.errors import ReplayError
-from replay.regress.baseline import read_baseline
+from replay.regress.baseline import Baseline, read_baseline, write_baseline
 from replay.regress.finish import finish
 from replay.regress.running import Execute, carry_out, remaining, resumed, start
 from replay.regress.slot import Slot
@@ -157,6 +157,7 @@ def test_a_failing_run_ends_with_the_command_that_accepts_and_accepting_makes_it
         (["recordings", "--method", "spc"], "scp"),
         (["recordings", "--jobs", "0"], "--jobs"),
         (["recordings", "--baseline", "nowhere"], "no such file"),
+        (["recordings", "--against", "no-such-version"], "expected the folder of an environment"),
         (["recordings", "--resume", "--out", "nowhere"], "no unfinished run"),
         (["recordings", "--tag", "nonsense"], "no log is left"),
         (["accept", "nowhere"], "run.json"),
@@ -168,6 +169,21 @@ def test_wrong_usage_is_one_line_and_status_2(arguments, words, capsys, monkeypa
     error = capsys.readouterr().err
     assert words in error
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("more", [[], ["--method", "shortcut"], ["--only", "bay_01"]])
+def test_a_baseline_that_cannot_be_the_corpus_s_is_refused_before_anything_is_made(more, tmp_path, capsys):
+    folder = help.make_corpus(tmp_path / "corpus", ["bay_01"])
+    arguments = ["regress", folder, "--out", str(tmp_path / "runs"), *more]
+    other = tmp_path / "other.json"
+    write_baseline(other, Baseline(logs={"elsewhere": {"cases": {}}}))
+    assert main([*arguments, "--baseline", str(other)]) == 2
+    (tmp_path / "corpus" / "baseline.json").write_text("{}")
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert "is in" in error.splitlines()[0]
+    assert "it has no schema" in error.splitlines()[1]
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_regression_is_told_by_the_status_also_to_who_reads_the_first_line_alone(tmp_path):

@@ -39,6 +39,9 @@ def test_a_glob_a_list_and_a_single_log_are_corpora_too(corpus):
     listed = find_corpus(str(corpus / "list.txt"))
     assert [(log.name, log.kind) for log in listed.logs] == [("a", "bay"), ("sub/c", "")]
     assert [log.name for log in find_corpus(str(corpus / "a.mcap")).logs] == ["a"]
+    (corpus / "list.txt").write_text("hi\n")
+    with pytest.raises(ReplayError, match=r"none of its lines \(1\) is the path of a file"):
+        find_corpus(str(corpus / "list.txt"))
 
 
 @pytest.mark.parametrize(
@@ -80,3 +83,6 @@ def test_logs_are_selected_by_method_tag_class_and_name(corpus):
     assert names(patterns=["sub/*"]) == (["sub/c", "sub/deep/d"], "logs sub/*")
     with pytest.raises(ReplayError, match="there are: bay, grid"):
         names(tags=["nonsense"])
+    (corpus / "corpus.toml").unlink()
+    with pytest.raises(ReplayError, match=r"none, corpus\.toml gives them"):
+        select(find_corpus(str(corpus)), (), ("nonsense",), ())

@@ -1,5 +1,6 @@
 """What a regression run amounts to, and its page; nothing in its files can make it say something else."""
 
+import json
 import xml.etree.ElementTree as ET
 
 import pyarrow.parquet as pq
@@ -9,7 +10,7 @@ from page_reading import Page
 
 from replay.regress.reports import make_report
 from replay.regress.reports.facts import figures, headline, profiles, state
-from replay.regress.reports.groups import groups
+from replay.regress.reports.groups import gravest, groups
 from replay.regress.reports.html import page
 from replay.regress.reports.reading import read_run
 from replay.style import styles
@@ -22,7 +23,14 @@ HOSTILE = "<img src=x onerror=alert(1)>\"'\x1b[2J\u202e|`[x](javascript:alert(1)
 
 def test_a_run_fails_by_what_is_worse_crashed_or_missing_and_by_nothing_else(tmp_path):
     for i, (verdict, expected) in enumerate(
-        {"worse": "failed", "crashed": "failed", "missing": "failed", "known": "passed", "better": "passed"}.items()
+        {
+            "worse": "failed",
+            "changed": "failed",
+            "crashed": "failed",
+            "missing": "failed",
+            "known": "passed",
+            "better": "passed",
+        }.items()
     ):
         run = maker.write_run(tmp_path / str(i), maker.logs(1), [maker.verdict("open_00", "scp", "objective", verdict)])
         assert state(read_run(run)) == expected
@@ -45,6 +53,58 @@ def test_what_got_worse_is_put_together_by_class_and_told_with_its_size(failed_r
     assert len(worse.changes) == 2
     assert worse.median == pytest.approx(0.005)
     assert "scp: objective worse on 2 cases of class narrow, by +0.50 % at the median" in worse.sentence
+
+
+def test_logs_that_are_other_ones_are_told_one_by_one_in_every_report(tmp_path):
+    found = maker.logs(8)
+    notes = [
+        f"{name} is another log than the baseline's: 5 results not compared" for name in ("narrow_01", "narrow_05")
+    ]
+    verdicts = maker.unchanged(found[2:])
+    for name, note in zip(("narrow_01", "narrow_05"), notes, strict=True):
+        verdicts.append(maker.verdict(name, "", "sha256", "changed", "0a", "0b", case="", note=note))
+    run = maker.write_run(tmp_path / "run", found, verdicts)
+    made = make_report(run)
+    assert made.summary["headline"] == "Regression: 2 logs changed; 2 of 8 logs affected"
+    assert [group.sentence for group in gravest(groups(made.run))] == notes
+    junit = ET.parse(run / "junit.xml").getroot()
+    assert [failure.get("message") for failure in junit.iter("failure")] == notes
+    summary = (run / "summary.json").read_text()
+    for note, escaped in zip(notes, [note.replace("_", "\\_") for note in notes], strict=True):
+        assert note in Page((run / "report.html").read_text()).text
+        assert f"**{escaped}**" in (run / "report.md").read_text()
+        assert note in summary
+
+
+def test_other_options_than_the_baseline_s_stand_in_every_report(tmp_path):
+    found = maker.logs(1)
+    words = "the baseline was made with other options: weights.cusp 1 (baseline: 5)"
+    run = maker.write_run(tmp_path / "run", found, maker.unchanged(found), other_options=words, partial="methods scp")
+    make_report(run)
+    for name in ("report.html", "report.md", "junit.xml", "summary.json"):
+        assert words in (run / name).read_text()
+
+
+def test_a_run_that_is_slower_for_certain_fails_in_every_report(tmp_path):
+    found = maker.logs(3)
+    run = maker.write_run(tmp_path / "run", found, maker.unchanged(found))
+    compared = {
+        "scp": {"ratio": 1.2, "low": 1.1, "high": 1.3, "pairs": 3, "alarm": True},
+        "all": {"ratio": 1.2, "low": None, "high": None, "pairs": 2, "alarm": False},
+    }
+    document = {"schema": "replay.timing/1", "against": "v1.2", "ratios": {}, "compared": compared}
+    (run / "timing.json").write_text(json.dumps(document))
+    made = make_report(run, accept="ACCEPT")
+    assert made.summary["state"] == "failed"
+    assert made.summary["headline"] == "Regression: slower than v1.2: scp"
+    assert [each["slower"] for each in made.summary["timing"]] == [True, False]
+    root = ET.parse(run / "junit.xml").getroot()
+    assert (root.get("failures"), len(root.findall("testsuite[@name='timing']/testcase"))) == ("1", 2)
+    for name in ("report.html", "report.md"):
+        text = (run / name).read_text()
+        for words in ("slower than v1.2", "1.100 to 1.300", "✗ slower", "too few logs"):
+            assert words in text
+        assert "ACCEPT" not in text  # times are in no baseline
 
 
 def test_figures_follow_from_the_rows(passed_run):

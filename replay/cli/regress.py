@@ -2,36 +2,46 @@
 
 import itertools
 import json
-import math
 import pathlib
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from optim.methods import METHODS
 from replay.cli import drop_output
-from replay.cli.against import time_against
+from replay.cli.against import tell_timing, time_against
 from replay.cli.console import Common, Voice
 from replay.cli.optimize import MethodFlags, WeightFlags
 from replay.cli.options import UsageError
 from replay.cli.reading import Reading
-from replay.cli.settings import MOST_JOBS, RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags, settled
+from replay.cli.regress_plan import check_flags, settings_of
+from replay.cli.settings import RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags
 from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError
 from replay.files import WRITE_ERROR
-from replay.regress.baseline import Baseline, accepted, default_baseline, read_baseline, write_baseline
-from replay.regress.cluster import CLUSTER_ERROR, check_address, run_on_cluster
-from replay.regress.corpus import Corpus, Known, find_corpus
+from replay.regress.acceptance import Wanted, accepted
+from replay.regress.baseline import (
+    Baseline,
+    check_baseline,
+    default_baseline,
+    read_baseline,
+    write_baseline,
+)
+from replay.regress.cluster import CLUSTER_ERROR, check_address, connected
+from replay.regress.corpus import Known, find_corpus
 from replay.regress.finish import FINISH_ERROR, finish
 from replay.regress.pool import run_here
 from replay.regress.reports.history import SUMMARY
+from replay.regress.reports.numbers import count
 from replay.regress.running import Execute, Plan, carry_out, resumed, start
 from replay.regress.selection import select
-from replay.regress.settings import Recordings, Settings
+from replay.regress.settings import DIRTY, Recordings
 from replay.regress.store import Store
+from replay.regress.timing import check_version
+from replay.regress.work import Outcome
 
 _FLAT = Parameter(name="*")
 _PARTIAL = ("--method", "--tag", "--only")
@@ -42,8 +52,9 @@ _SHORT = (WRITE_ERROR, FINISH_ERROR, CLUSTER_ERROR)
 regress = App(
     name="regress",
     help_format="plaintext",
-    help_epilogue="Exit status: 0 nothing is worse than the baseline; 1 something is worse, missing or crashed; 2 wrong"
-    " usage; 3 logs could not be read of which nothing is known; 130 interrupted, --resume does the rest.",
+    help_epilogue="Exit status: 0 nothing is worse than the baseline; 1 something is worse, missing or crashed, or a"
+    " log is another one; 2 wrong usage; 3 logs could not be read of which nothing is known; 130 interrupted, --resume"
+    " does the rest.",
 )
 
 
@@ -118,7 +129,7 @@ def run(
         Work on the logs in the random order of this seed. Results do not depend on it.
     """
     voice = Voice(common or Common())
-    _check(time_limit, jobs)
+    check_flags(time_limit, jobs)
     if scheduler is not None:
         check_address(scheduler)
     found = find_corpus(corpus)
@@ -126,23 +137,25 @@ def run(
     given: Layer = {RUN: ({"method": tuple(method)} if method else {}) | ({} if seed is None else {"seed": seed})}
     layers = [limits] + ([] if config is None else [layer_of_file(config)])
     layers += [layer_of_assignments(set_ or ()), given, layer_of_flags(None, reading, weights, options)]
-    settings, named = _settings(layers, found, recordings)
+    settings, named = settings_of(layers, found, recordings)
     logs, partial = select(found, named, tag or (), only or ())
+    compared_with = default_baseline(baseline, found.baseline)
+    check_baseline(compared_with, found)
+    if against is not None:
+        check_version(against)
     plan = Plan(
         corpus=found.path,
         logs=logs,
         known=found.known,
         settings=settings,
-        baseline=default_baseline(baseline, found.baseline),
+        baseline=compared_with,
         partial=partial,
         partial_methods=bool(named),
         shuffle=shuffle,
     )
-    store = resumed(plan, out) if resume else start(plan, out)
-    status = _carried_out(voice, plan, store, out, _executor(scheduler, jobs))
-    if against is None or status in (ExitStatus.INTERRUPTED, ExitStatus.USAGE):
-        return status
-    return ExitStatus.SHORT if time_against(voice, plan, store, against) else status
+    with _executor(voice, scheduler, jobs) as execute:
+        store = resumed(plan, out) if resume else start(plan, out)
+        return _carried_out(voice, plan, store, out, execute, against)
 
 
 @regress.command
@@ -152,6 +165,8 @@ def accept(
     /,
     *,
     baseline: pathlib.Path | None = None,
+    only: Annotated[list[str] | None, Parameter(negative=())] = None,
+    method: Annotated[list[str] | None, Parameter(negative=())] = None,
     common: Annotated[Common | None, _FLAT] = None,
 ) -> int:
     """Make a run the baseline: print every change against the present one, and write it.
@@ -164,6 +179,10 @@ def accept(
         Folder of the run.
     baseline
         File to write; by default that with which the run was compared.
+    only
+        Take over only logs whose name fits this pattern, as 'full/odd_*'; may be given several times.
+    method
+        Take over only this method's results, by name; several with commas between, or by giving this several times.
     """
     voice = Voice(common or Common())
     store = Store(run)
@@ -171,13 +190,19 @@ def accept(
     file = _to_write(run, head, baseline)
     before = read_baseline(file) if file.exists() else Baseline()
     known = [Known(**issue) for issue in head.get("known") or ()]
-    made, changes = accepted(before, store.documents(), known, head)
+    wanted = Wanted(logs=only or (), methods=[name.strip() for names in method or () for name in names.split(",")])
+    done = accepted(before, store.documents(), known, head, wanted)
+    made, changes = done.baseline, done.changes
     lost = sorted(before.logs.keys() - made.logs.keys())
     voice.show(*_changed(changes), *(f"out: {name}" for name in lost))
+    if done.kept:
+        voice.show(f"as it was: {count(done.kept, 'result')} of the baseline, by --only and --method")
     write_baseline(file, made)
+    if DIRTY in made.revision:
+        voice.note(f"{made.revision}: its program is no commit's, so that nobody can make this baseline again")
     voice.show(f"wrote {file}: {len(made.logs)} logs; {len(changes)} changes, {len(lost)} logs out")
     about = {"schema": "replay.accept/1", "exit_status": 0, "baseline": str(file)}
-    voice.document(about | {"changes": changes, "out": lost})
+    voice.document(about | {"changes": changes, "out": lost, "kept": done.kept})
     return ExitStatus.OK
 
 
@@ -192,7 +217,7 @@ def _to_write(run: pathlib.Path, head: dict[str, Any], baseline: pathlib.Path | 
     return baseline or pathlib.Path(head["accept_to"])
 
 
-def _changed(changes: list[dict[str, Any]]) -> Iterator[str]:
+def _changed(changes: Sequence[dict[str, Any]]) -> Iterator[str]:
     """A line for each change; what is new of one result is one line."""
 
     def place(entry: dict[str, Any]) -> tuple[bool, str]:
@@ -212,46 +237,29 @@ def _shown(value: Any) -> str:
     return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
-def _check(time_limit: float, jobs: int) -> None:
-    if not 0.0 < time_limit < math.inf:
-        raise UsageError(f"--time-limit is {time_limit:g}, expected more than 0 s")
-    if not 1 <= jobs <= MOST_JOBS:
-        raise UsageError(f"--jobs is {jobs}, expected 1 to {MOST_JOBS}")
-
-
-def _settings(layers: list[Layer], corpus: Corpus, recordings: Recordings) -> tuple[Settings, tuple[str, ...]]:
-    """The settings of a run, and the methods that were asked for: else those that the corpus names, else all."""
-    made = settled(layers)
-    named = made.run.method or ()
-    if not named:
-        wanted = dict.fromkeys(name for log in corpus.logs for name in log.methods or METHODS)
-        made = settled([*layers, {RUN: {"method": tuple(wanted)}}])
-    settings = Settings(
-        methods=made.methods,
-        read=made.read,
-        weights=made.weights,
-        seed=made.run.seed,
-        time_limit=made.run.time_limit,
-        memory_limit=made.run.memory_limit,
-        recordings=recordings,
-    )
-    return settings, named
-
-
-def _executor(scheduler: str | None, jobs: int) -> Execute:
+def _executor(voice: Voice, scheduler: str | None, jobs: int) -> AbstractContextManager[Execute]:
     if scheduler is not None:
-        return lambda waiting: run_on_cluster(waiting, scheduler)
-    return lambda waiting: run_here(waiting, jobs)
+        return connected(scheduler, voice.note)
+    return nullcontext(lambda waiting: run_here(waiting, jobs))
 
 
-def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, execute: Execute) -> int:
+def _carried_out(
+    voice: Voice, plan: Plan, store: Store, out: pathlib.Path, execute: Execute, against: str | None
+) -> int:
     """Do a run, or its rest, and say what came of it; the exit status."""
     from replay.regress.bar import Bar
 
     voice.note(f"{store.folder}: {len(plan.logs)} logs, {', '.join(plan.settings.methods)}")
+
+    def progress(outcome: Outcome | None, done: int, total: int) -> None:
+        if outcome is None and done:
+            voice.note(f"{done} of {total} logs are done")
+        bar.outcome(outcome, done, total)
+
     try:
         with Bar(voice.people, enabled=voice.wants_progress) as bar:
-            carry_out(plan, store, execute, bar.outcome)
+            carry_out(plan, store, execute, progress)
+        timed = None if against is None else time_against(voice, plan, store, against)
         said = finish(store.folder, out, _accept(plan, store))
     except KeyboardInterrupt:
         voice.error(f"interrupted; what was finished is kept in {store.folder}")
@@ -261,10 +269,13 @@ def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, exec
         if error.code not in _SHORT:
             raise
         voice.error(str(error))
+        voice.error(f"the rest: {_again()}")
         return ExitStatus.SHORT
-    status = _status(said)
+    status = ExitStatus.SHORT if against is not None and timed is None else _status(said)
     try:
         _tell(voice, plan, store, said, status)
+        if timed is not None:
+            tell_timing(voice, str(against), timed)
     except BrokenPipeError:  # who reads the first lines alone must not turn a regression into a success
         drop_output()
     return status
@@ -280,13 +291,15 @@ def _tell(voice: Voice, plan: Plan, store: Store, said: Any, status: ExitStatus)
     for line in (*said["unread"], *(f"left out: {line}" for line in said["damaged"])):
         voice.error(line)
     if said["other_options"]:
-        voice.note("the baseline was made with other options")
+        voice.note(said["other_options"])
+    for line in filter(None, (said["unwritten"], said["twice"])):
+        voice.note(line)
     voice.show(f"report: {store.folder / 'report.html'}")
     if voice.common.json:
         document = {key: said[key] for key in ("headline", "failing", "known", "passing", "unread", "files")}
         about = {"schema": "replay.regress/1", "exit_status": int(status), "run": str(store.folder)}
         voice.document(about | document | {"summary": json.loads((store.folder / SUMMARY).read_text())})
-    if said["state"] in ("failed", "unjudged"):
+    if said["failing"] or said["state"] == "unjudged":
         voice.note(_advice(plan, store, said["state"]))
 
 

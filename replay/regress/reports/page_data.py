@@ -22,6 +22,8 @@ class ChangeLine:
     """Class of the log."""
     href: str | None
     """Of the case's recording, where there is one."""
+    unwritten: str
+    """Why it could not be written."""
     difference: str
     sort: float | None
     """By what the column of differences is sorted."""
@@ -57,6 +59,7 @@ def change_lines(run: RunData) -> list[ChangeLine]:
     rows = {(row.log, row.case, row.method): row for row in run.rows}
     kinds = class_of_logs(run)
     hrefs = {row.case: href(row.recording) for row in run.rows if row.recording}
+    unwritten = {row.case: row.recording_error for row in run.rows}
     lines = []
     for change in ranked(run.changes):
         row = rows.get((change.log, change.case, change.method))
@@ -67,7 +70,8 @@ def change_lines(run: RunData) -> list[ChangeLine]:
             text = f"{text} ({percent(relative)})"
         sort = relative if relative is not None else difference
         kind = kinds.get(change.log, "")
-        lines.append(ChangeLine(change=change, kind=kind, href=place, difference=text, sort=sort))
+        lost = unwritten.get(change.case, "")
+        lines.append(ChangeLine(change=change, kind=kind, href=place, unwritten=lost, difference=text, sort=sort))
     return lines
 
 
