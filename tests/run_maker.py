@@ -7,6 +7,10 @@ from typing import Any
 
 METHODS = ("shortcut", "cpo", "ddp", "scp", "nlp")
 GAIN = {"shortcut": 0.72, "cpo": 0.93, "ddp": 0.66, "scp": 0.661, "nlp": 0.67}
+COMMANDS = {
+    "accept": ".venv/bin/replay regress accept runs/RUN --baseline baseline.json",
+    "view": ".venv/bin/replay view runs/RUN",
+}
 CLASSES = ("open", "narrow", "cusps", "reverse")
 
 
@@ -115,6 +119,7 @@ def write_run(
         "options": {"seed": 0, "time_limit_s": 60.0},
         "complete": True,
         "partial": "",
+        "commands": COMMANDS,
     }
     (folder / "run.json").write_text(json.dumps(about | head))
     for i, entry in enumerate(logs):

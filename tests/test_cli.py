@@ -160,7 +160,9 @@ def test_a_log_becomes_a_table_a_recording_and_a_results_file(run, tmp_path):
     assert lines[0].startswith("bay_01/0: shortcut is ")
     assert max(map(len, lines)) <= 100
     assert "\x1b" not in said.out + said.err
-    assert all("kernels were compiled" in line for line in said.err.splitlines()), "at most how long the first run compiled"
+    assert all("kernels were compiled" in line for line in said.err.splitlines()), (
+        "at most how long the first run compiled"
+    )
     assert names(tmp_path / "new" / "folder") == [
         "bay_01.results.json",
         "bay_01.rrd",

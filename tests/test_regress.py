@@ -3,8 +3,10 @@
 import os
 import pathlib
 import shlex
+import shutil
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 
@@ -168,6 +170,53 @@ def test_wrong_usage_is_one_line_and_status_2(arguments, words, capsys, monkeypa
     assert error.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["accept"], "expected RUN, as in `replay regress accept runs/RUN` (see `replay regress accept --help`)"),
+        (["accept", "runs/RUN", "--onyl"], "(see `replay regress accept --help`)"),
+        (["recordings", "--jobs", "0"], "(see `replay regress --help`)"),
+    ],
+)
+def test_wrong_usage_of_a_command_below_a_command_names_that_one(arguments, words, capsys):
+    assert main(["regress", *arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_where_the_files_are_wrong_no_help_is_recommended(tmp_path, capsys):
+    (tmp_path / "corpus.toml").write_text("")
+    assert main(["regress", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert "holds no log" in error
+    assert "--help" not in error
+
+
+def test_what_is_given_to_paste_names_the_program_as_it_was_called(tmp_path):
+    for name in ("bay_01", "bay_02"):
+        shutil.copy(help.RECORDINGS / f"{name}.mcap", tmp_path)
+    script = pathlib.Path(sys.executable).with_name("replay")
+    called = os.path.relpath(script, tmp_path)
+    environment = os.environ | {"PATH": "/usr/bin:/bin"}
+    quick = ["--method", "shortcut", "--shortcut.tries", "3"]
+    toml = 'methods = ["shortcut"]'
+    (tmp_path / "corpus.toml").write_text(toml)
+
+    def call(*words: str) -> subprocess.CompletedProcess[str]:
+        done = [called, *words]
+        return subprocess.run(done, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+
+    done = call("regress", "*_0[12].mcap", *quick[2:])
+    assert done.returncode == 0, done.stderr
+    (run,) = (tmp_path / "runs").iterdir()
+    accept = f"{called} regress accept runs/{run.name} --baseline baseline.json"
+    assert done.stderr.strip().splitlines()[-1].endswith(f": {accept}")
+    page = (run / "report.html").read_text()
+    assert accept in page
+    assert f"{called} view runs/{run.name}" in page
+    assert f"the whole: {called} regress" in call("regress", "bay_01.mcap", *quick).stderr
+    assert f"(see `{called} regress --help`)" in call("regress", "bay_01.mcap", "--jobs", "0").stderr
+
+
 def test_a_regression_is_told_by_the_status_also_to_who_reads_the_first_line_alone(tmp_path):
     folder = help.make_corpus(tmp_path / "corpus", ["bay_01"])
     listed = tmp_path / "corpus" / "corpus.toml"
@@ -204,7 +253,7 @@ def test_a_run_that_was_broken_off_is_resumed_with_exactly_the_rest(corpus, runs
     assert rest.done() == done
     assert not (store.logs / ".left.tmp").exists()
     assert help.attempts(rest).count("dock_01") == 1
-    assert finish(rest.folder, runs, "")["state"] == "passed"
+    assert finish(rest.folder, runs, {})["state"] == "passed"
     with pytest.raises(ReplayError, match="no unfinished run"):
         resumed(plan, runs)
 

@@ -74,10 +74,10 @@ def test_junit_counts_results_that_are_missing_and_logs_that_cannot_be_read(tmp_
 
 
 def test_markdown_is_short_and_has_the_facts(failed):
-    text = markdown(read_run(failed), accept="replay regress accept RUN")
+    text = markdown(read_run(failed))
     lines = text.splitlines()
     assert lines[0] == "### ✗ Regression: 1 result crashed, 2 results worse; 3 of 8 logs affected"
-    assert "`replay regress accept RUN`" in lines[-1]
+    assert f"`{maker.COMMANDS['accept']}`" in lines[-1]
     assert any(line.startswith("| ▼ worse | scp | objective | narrow | 2 | +0.50 % |") for line in lines)
     assert any(line.startswith("| ✗ crashed | nlp | status | open | 1 |  | open\\_04/0 |") for line in lines)
     assert len(lines) < 40
@@ -205,6 +205,14 @@ def test_the_command_writes_every_report_and_its_status_is_the_runs(call, failed
     assert all((failed / name).is_file() for name in FILES)
     assert not [path for path in failed.iterdir() if path.name.startswith(".")]
     assert call("report", passed)[0] == 0
+
+
+def test_reports_made_again_are_the_same_with_the_command_that_accepts(call, failed):
+    make_report(failed)
+    before = {name: (failed / name).read_bytes() for name in FILES}
+    call("report", failed)
+    assert {name: (failed / name).read_bytes() for name in FILES} == before
+    assert maker.COMMANDS["accept"] in (failed / "report.md").read_text()
 
 
 def test_an_unfinished_run_is_reported_and_called_so(call, tmp_path):

@@ -4,7 +4,6 @@ import itertools
 import json
 import math
 import pathlib
-import shlex
 import sys
 from collections.abc import Iterator
 from typing import Annotated, Any
@@ -15,6 +14,7 @@ from optim.methods import METHODS
 from replay.cli import drop_output
 from replay.cli.against import time_against
 from replay.cli.console import Common, Voice
+from replay.cli.invoked import to_paste
 from replay.cli.optimize import MethodFlags, WeightFlags
 from replay.cli.options import UsageError
 from replay.cli.reading import Reading
@@ -36,6 +36,8 @@ from replay.regress.store import Store
 _FLAT = Parameter(name="*")
 _PARTIAL = ("--method", "--tag", "--only")
 """Options that leave a part of the corpus out."""
+_FIRST_BASELINE = "baseline.json"
+"""The name that is proposed for the baseline of a corpus that is no folder, and has none yet."""
 _SHORT = (WRITE_ERROR, FINISH_ERROR, CLUSTER_ERROR)
 """Errors that come when the work is done: it fell short, rather than that it could not be begun."""
 
@@ -252,7 +254,7 @@ def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, exec
     try:
         with Bar(voice.people, enabled=voice.wants_progress) as bar:
             carry_out(plan, store, execute, bar.outcome)
-        said = finish(store.folder, out, _accept(plan, store))
+        said = finish(store.folder, out, _commands(plan, store))
     except KeyboardInterrupt:
         voice.error(f"interrupted; what was finished is kept in {store.folder}")
         voice.error(f"the rest: {_again()}")
@@ -296,24 +298,30 @@ def _status(said: Any) -> ExitStatus:
     return ExitStatus.PARTIAL if said["unread"] or said["damaged"] else ExitStatus.OK
 
 
+def _commands(plan: Plan, store: Store) -> dict[str, str]:
+    """What the reports give to paste."""
+    return {"accept": _accept(plan, store), "view": to_paste("view", str(store.folder))}
+
+
 def _accept(plan: Plan, store: Store) -> str:
     """The command that makes a run the baseline; empty for a partial one."""
     if plan.partial:
         return ""
-    words = ["replay", "regress", "accept", str(store.folder)]
-    return shlex.join(words if plan.baseline is not None else [*words, "--baseline", "FILE"])
+    words = ["regress", "accept", str(store.folder)]
+    return to_paste(*words) if plan.baseline is not None else to_paste(*words, "--baseline", _FIRST_BASELINE)
 
 
 def _advice(plan: Plan, store: Store, state: str) -> str:
     if plan.partial:
         return f"a partial run ({plan.partial}) cannot become the baseline; the whole: {_whole()}"
     why = "if this is as it should be" if state == "failed" else "there is no baseline yet; to make this run the one"
-    return f"{why}: {_accept(plan, store)}"
+    named = "" if plan.baseline is not None else f" (and name it from then on: --baseline {_FIRST_BASELINE})"
+    return f"{why}{named}: {_accept(plan, store)}"
 
 
 def _whole() -> str:
     """This command without what makes its run partial."""
-    kept, words = ["replay"], iter(sys.argv[1:])
+    kept, words = list[str](), iter(sys.argv[1:])
     for word in words:
         flag, sign, value = word.partition("=")
         if flag in (*_PARTIAL, "--set") and not sign:
@@ -321,9 +329,8 @@ def _whole() -> str:
         if flag in _PARTIAL or flag == "--resume" or (flag == "--set" and value.partition("=")[0].strip() == "method"):
             continue
         kept += [flag, value] if flag == "--set" else [word]
-    return shlex.join(kept)
+    return to_paste(*kept)
 
 
 def _again() -> str:
-    words = [word for word in sys.argv[1:] if word != "--resume"]
-    return shlex.join(["replay", *words, "--resume"])
+    return to_paste(*(word for word in sys.argv[1:] if word != "--resume"), "--resume")

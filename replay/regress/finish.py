@@ -1,6 +1,6 @@
 """The end of a run, in a process of its own since it needs memory: verdicts.json, run.json, the reports.
 
-Usage: python -m replay.regress.finish RUN HISTORY ACCEPT; prints one JSON document.
+Usage: python -m replay.regress.finish RUN HISTORY COMMANDS; prints one JSON document.
 """
 
 import json
@@ -29,9 +29,13 @@ FINISH_ERROR = "E_REPORT"
 _MOST_LINES = 20
 
 
-def finish(folder: pathlib.Path, history: pathlib.Path, accept: str) -> dict[str, Any]:
-    """Judge a run and write its reports in a process of its own; what that says. ReplayError (E_REPORT)."""
-    command = [sys.executable, "-P", "-m", "replay.regress.finish", str(folder), str(history), accept]
+def finish(folder: pathlib.Path, history: pathlib.Path, commands: Mapping[str, str]) -> dict[str, Any]:
+    """Judge a run and write its reports in a process of its own; what that says. ReplayError (E_REPORT).
+
+    `commands` are those that the reports give to paste: "accept" makes the run the baseline, "view" shows it.
+    """
+    words = [str(folder), str(history), json.dumps(dict(commands))]
+    command = [sys.executable, "-P", "-m", "replay.regress.finish", *words]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     if done.returncode != 0:
@@ -61,15 +65,16 @@ def judge(folder: pathlib.Path) -> list[Entry]:
     return entries
 
 
-def conclude(folder: pathlib.Path, history: pathlib.Path, accept: str) -> dict[str, Any]:
+def conclude(folder: pathlib.Path, history: pathlib.Path, commands: Mapping[str, str]) -> dict[str, Any]:
     """Judge a run and make its reports; what the command has to say of it, whose size does not grow with the run's."""
     store = Store(folder)
     head = store.head()
     done = store.done()
     planned = [file_stem(name) + ".json" for name in head.get("logs") or ()]
-    store.write_head(_without_schema(head) | {"complete": done.issuperset(planned)})
+    about = {"complete": done.issuperset(planned), "commands": dict(commands)}
+    store.write_head(_without_schema(head) | about)
     judge(folder)
-    report = make_report(folder, history, accept)
+    report = make_report(folder, history)
     run = report.run
     told = groups(run)
     failing = ranked(run.failing)
@@ -106,9 +111,9 @@ def _without_schema(head: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def main() -> int:
-    folder, history, accept = sys.argv[1:4]
+    folder, history, commands = sys.argv[1:4]
     try:
-        said = conclude(pathlib.Path(folder), pathlib.Path(history), accept)
+        said = conclude(pathlib.Path(folder), pathlib.Path(history), json.loads(commands))
     except ReplayError as error:
         sys.stderr.write(f"{error}\n")
         return 1

@@ -8,6 +8,7 @@ from replay.errors import printable
 
 LONGEST_NAME = 200
 LONGEST_TEXT = 500  # characters of a reason or an error
+LONGEST_COMMAND = 4000  # characters: one that is cut cannot be pasted
 
 
 class Malformed(Exception):

@@ -39,8 +39,8 @@ _MOST_ERRORS: Final = 200
 _MOST_SENTENCES: Final = 5
 
 
-def page(run: RunData, trend: Sequence[Point], accept: str = "") -> str:
-    """The page as text. `accept` is the command that makes this run the baseline."""
+def page(run: RunData, trend: Sequence[Point]) -> str:
+    """The page as text."""
     environment = Environment(
         loader=FileSystemLoader(_PAGE, encoding="utf-8"), autoescape=True, undefined=StrictUndefined
     )
@@ -53,7 +53,6 @@ def page(run: RunData, trend: Sequence[Point], accept: str = "") -> str:
         "run": run,
         "state": state(run),
         "headline": headline(run),
-        "accept": accept,
         "tally": tally(run.changes),
         "groups": together,
         "worst": [group.sentence for group in gravest(together)[:_MOST_SENTENCES]],

@@ -13,7 +13,7 @@ MOST_LINES = 20
 """Rows of the table of changes; the page has all."""
 
 
-def markdown(run: RunData, accept: str = "") -> str:
+def markdown(run: RunData) -> str:
     """The text of a comment."""
     parts = [f"### {SIGNS[state(run)]} {escaped(headline(run))}"]
     about = [("revision", run.revision), ("corpus", run.corpus), ("run", run.name)]
@@ -35,8 +35,8 @@ def markdown(run: RunData, accept: str = "") -> str:
         parts.append(f"{len(changed) - MOST_LINES} more lines are in `report.html`.")
     if run.rows:
         parts.append(_methods(run))
-    if accept and state(run) == "failed":
-        parts.append(f"If this is meant: `{accept.replace('`', '')}`")
+    if run.accept and state(run) == "failed":
+        parts.append(f"If this is meant: `{run.accept.replace('`', '')}`")
     return "\n\n".join(part for part in parts if part) + "\n"
 
 

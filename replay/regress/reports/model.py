@@ -114,6 +114,10 @@ class RunData:
     """Whether the run has been compared with a baseline."""
     damaged: tuple[str, ...]
     """Files of the run that cannot be read, one line each."""
+    accept: str = ""
+    """The command that makes this run the baseline; empty where it is not known, and for a partial run."""
+    view: str = ""
+    """The command that shows all recordings; empty where it is not known."""
 
     @property
     def logs(self) -> list[str]:

@@ -67,6 +67,7 @@ def _about(folder: pathlib.Path) -> dict[str, Any]:
         head = _document(path, RUN_SCHEMA, LARGEST_LOG)
         corpus = fields.optional(head, "corpus")
         num_logs = fields.number(corpus, "num_logs")
+        commands = fields.optional(head, "commands")
         return {
             "created": fields.text(head, "created", ""),
             "revision": fields.text(head, "revision", ""),
@@ -78,6 +79,8 @@ def _about(folder: pathlib.Path) -> dict[str, Any]:
             "complete": bool(head.get("complete")),
             "partial": fields.text(head, "partial", ""),
             "planned": None if num_logs is None else round(num_logs),
+            "accept": fields.text(commands, "accept", "", fields.LONGEST_COMMAND),
+            "view": fields.text(commands, "view", "", fields.LONGEST_COMMAND),
         }
     except (JsonError, Malformed) as error:
         raise ReplayError(RUN_ERROR, f"{path}: {error}; expected the folder of a run of `replay regress`") from None
