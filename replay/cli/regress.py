@@ -38,6 +38,7 @@ _PARTIAL = ("--method", "--tag", "--only")
 """Options that leave a part of the corpus out."""
 _FIRST_BASELINE = "baseline.json"
 """The name that is proposed for the baseline of a corpus that is no folder, and has none yet."""
+_MOST_HINTS = 5
 _SHORT = (WRITE_ERROR, FINISH_ERROR, CLUSTER_ERROR)
 """Errors that come when the work is done: it fell short, rather than that it could not be begun."""
 
@@ -288,7 +289,9 @@ def _tell(voice: Voice, plan: Plan, store: Store, said: Any, status: ExitStatus)
         document = {key: said[key] for key in ("headline", "failing", "known", "passing", "unread", "files")}
         about = {"schema": "replay.regress/1", "exit_status": int(status), "run": str(store.folder)}
         voice.document(about | document | {"summary": json.loads((store.folder / SUMMARY).read_text())})
-    if said["state"] in ("failed", "unjudged"):
+    for line in said["against_corpus"][:_MOST_HINTS]:
+        voice.note(f"{line}: if it is as it should be, change `expect` there; accepting the run does not help")
+    if said["state"] == "unjudged" or said["acceptable"]:
         voice.note(_advice(plan, store, said["state"]))
 
 

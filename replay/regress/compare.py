@@ -10,7 +10,6 @@ from replay.regress.reports.model import FAILING
 Entry = dict[str, Any]
 CRASHES = ("E_CRASHED", "E_HUNG", "E_INTERNAL", "E_MEMORY")
 """Codes of logs on which the program itself, not the log, was at fault."""
-_DECLARED = "against what corpus.toml expects"
 
 
 def compare_log(
@@ -136,25 +135,23 @@ def _measured(log: str, where: Mapping[str, str], metric: Metric, before: Value,
 def _expectation(document: Mapping[str, Any], before: Mapping[str, Any]) -> list[Entry]:
     """What the corpus declares of a log that could be read."""
     expect = document.get("expect") or ""
+    note = f"against what {document.get('declared') or 'corpus.toml'} expects"
     if before.get("error"):
         was = before["error"]
-        return [_entry(document["log"], key="error", before=was, after="read", verdict=_read_after_all(was, expect))]
+        verdict = "worse" if was == expect else "better"
+        note = note if was == expect else ""
+        return [_entry(document["log"], key="error", before=was, after="read", verdict=verdict, note=note)]
     if expect.startswith("E_"):
-        return [_entry(document["log"], key="expect", before=expect, after="read", verdict="worse", note=_DECLARED)]
+        return [_entry(document["log"], key="expect", before=expect, after="read", verdict="worse", note=note)]
     found = []
     for case in document["cases"] if expect in ("improved", "kept") else ():
         statuses = {method["status"] for method in case["methods"]}
         came = "improved" if "improved" in statuses else "kept"
         if came != expect:
             verdict = "worse" if expect == "improved" else "better"
-            place = {"case": case["case"], "key": "expect", "note": _DECLARED}
+            place = {"case": case["case"], "key": "expect", "note": note}
             found.append(_entry(document["log"], **place, before=expect, after=came, verdict=verdict))
     return found
-
-
-def _read_after_all(was: str, expect: str) -> str:
-    """A log that the baseline could not read, and that is read now: worse where it should be refused."""
-    return "worse" if was == expect else "better"
 
 
 def _excused(entry: Entry, known: Sequence[Known]) -> Entry:

@@ -17,7 +17,7 @@ from replay.regress.baseline import Baseline, read_baseline
 from replay.regress.compare import Entry, compare_log, gone, missing_log
 from replay.regress.corpus import Known
 from replay.regress.reports import make_report
-from replay.regress.reports.facts import ranked, state
+from replay.regress.reports.facts import acceptable, is_declared, ranked, state
 from replay.regress.reports.groups import gravest, groups
 from replay.regress.reports.junit import explained
 from replay.regress.reports.reading import VERDICTS_SCHEMA
@@ -88,6 +88,8 @@ def conclude(folder: pathlib.Path, history: pathlib.Path, commands: Mapping[str,
         "passing": _few([change.note for change in run.changes if change.key == "known issue"]),
         "unread": _few([f"{error.log}: {error.error}" for error in run.errors if not error.expected]),
         "damaged": _few(run.damaged),
+        "against_corpus": list(dict.fromkeys(change.note for change in failing if is_declared(change) and change.note)),
+        "acceptable": acceptable(run),
         "other_options": _has_other_options(head),
         "files": [str(path) for path in report.files],
     }

@@ -120,6 +120,7 @@ def _outline(job: Job) -> dict[str, Any]:
         "class": log.kind,
         "tags": list(log.tags),
         "expect": log.expect,
+        "declared": log.declared,
     }
 
 
@@ -188,6 +189,8 @@ def digest(path: str) -> str | None:
 
 def _message(job: Job, error: ReplayError) -> str:
     """The error's line; a copy's place on this machine is nobody's business."""
+    if error.code == "E_NOT_FOUND" and job.log.declared:
+        return f"{error.message}; {job.log.declared} names it"
     if isinstance(error, LogError) and error.path != job.log.path:
         return error.message.replace(error.path, job.log.path)
     return error.message

@@ -175,6 +175,16 @@ def is_failing(change: Change) -> bool:
     return change.verdict in FAILING
 
 
+def is_declared(change: Change) -> bool:
+    """Whether it is against what corpus.toml expects: that has to be changed, accepting does not help."""
+    return change.key == "expect" or (change.key == "error" and change.after == "read")
+
+
+def acceptable(run: RunData) -> bool:
+    """Whether accepting the run would mend any of what fails."""
+    return any(not is_declared(change) for change in run.failing)
+
+
 def labels(methods: Sequence[str]) -> dict[str, str]:
     """What people read as the names of methods."""
     return {name: style.label for name, style in styles(methods).items()}

@@ -10,7 +10,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from replay.regress.reports import page_data
 from replay.regress.reports.charts import Chart, drift_chart, profile_chart, time_chart
-from replay.regress.reports.facts import by_class, by_method, headline, profiles, state, tally
+from replay.regress.reports.facts import acceptable, by_class, by_method, headline, profiles, state, tally
 from replay.regress.reports.groups import gravest, groups
 from replay.regress.reports.history import Point
 from replay.regress.reports.model import RunData
@@ -53,6 +53,7 @@ def page(run: RunData, trend: Sequence[Point]) -> str:
         "run": run,
         "state": state(run),
         "headline": headline(run),
+        "acceptable": acceptable(run),
         "tally": tally(run.changes),
         "groups": together,
         "worst": [group.sentence for group in gravest(together)[:_MOST_SENTENCES]],

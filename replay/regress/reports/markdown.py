@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from replay.regress.reports.facts import by_method, headline, labels, state
+from replay.regress.reports.facts import acceptable, by_method, headline, labels, state
 from replay.regress.reports.groups import Group, groups
 from replay.regress.reports.html import SIGNS
 from replay.regress.reports.model import RunData
@@ -35,7 +35,7 @@ def markdown(run: RunData) -> str:
         parts.append(f"{len(changed) - MOST_LINES} more lines are in `report.html`.")
     if run.rows:
         parts.append(_methods(run))
-    if run.accept and state(run) == "failed":
+    if run.accept and acceptable(run):
         parts.append(f"If this is meant: `{run.accept.replace('`', '')}`")
     return "\n\n".join(part for part in parts if part) + "\n"
 
