@@ -17,7 +17,7 @@ import regress_help as help
 from optim.methods import METHODS
 from replay.cli import main
 from replay.errors import ReplayError
-from replay.regress.baseline import read_baseline
+from replay.regress.baseline import Baseline, read_baseline, write_baseline
 from replay.regress.finish import finish
 from replay.regress.running import Execute, carry_out, remaining, resumed, start
 from replay.regress.slot import Slot
@@ -215,6 +215,21 @@ def test_what_is_given_to_paste_names_the_program_as_it_was_called(tmp_path):
     assert f"{called} view runs/{run.name}" in page
     assert f"the whole: {called} regress" in call("regress", "bay_01.mcap", *quick).stderr
     assert f"(see `{called} regress --help`)" in call("regress", "bay_01.mcap", "--jobs", "0").stderr
+
+
+@pytest.mark.parametrize("more", [[], ["--method", "shortcut"], ["--only", "bay_01"]])
+def test_a_baseline_that_cannot_be_the_corpus_s_is_refused_before_anything_is_made(more, tmp_path, capsys):
+    folder = help.make_corpus(tmp_path / "corpus", ["bay_01"])
+    arguments = ["regress", folder, "--out", str(tmp_path / "runs"), *more]
+    other = tmp_path / "other.json"
+    write_baseline(other, Baseline(logs={"elsewhere": {"cases": {}}}))
+    assert main([*arguments, "--baseline", str(other)]) == 2
+    (tmp_path / "corpus" / "baseline.json").write_text("{}")
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert "is in" in error.splitlines()[0]
+    assert "it has no schema" in error.splitlines()[1]
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_regression_is_told_by_the_status_also_to_who_reads_the_first_line_alone(tmp_path):

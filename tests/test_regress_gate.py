@@ -5,6 +5,7 @@ import io
 import json
 import os
 import pathlib
+import subprocess
 
 import pytest
 import run_maker as maker
@@ -12,11 +13,12 @@ from rich.console import Console
 
 from replay.errors import ReplayError
 from replay.regress.bar import Bar
-from replay.regress.baseline import Baseline, accepted, read_baseline, write_baseline
+from replay.regress.baseline import Baseline, accepted, check_baseline, read_baseline, write_baseline
 from replay.regress.compare import baseline_entry, compare_log, gone
 from replay.regress.corpus import Known, find_corpus
 from replay.regress.gate import Metric, metrics_of
 from replay.regress.selection import select
+from replay.regress.settings import revision
 from replay.regress.store import Store, file_stem
 from replay.regress.work import Outcome
 
@@ -147,11 +149,14 @@ def test_what_a_corpus_expects_is_held_without_a_baseline():
     assert found(kept, None, *FAILING, whole=False) == []
 
 
-def test_a_log_with_other_content_is_compared_with_nothing():
+def test_a_log_with_other_content_is_compared_with_nothing_and_is_told_once():
     after = log(sha256="f" * 64)
     method(after)["metrics"]["objective"] *= 2.0
-    assert found(after, log(), *FAILING) == []
-    assert found(after, log(), "new")
+    (entry,) = compare_log(after, baseline_entry(log()))
+    assert (entry["verdict"], entry["after"]) == ("changed", "f" * 12)
+    assert entry["note"] == "bay_01 is another log than the baseline's: 2 results not compared"
+    method(after)["status"] = "failed"
+    assert found(after, log(), *FAILING) == [("scp", "status", "crashed")]
 
 
 # ---- known issues
@@ -165,11 +170,25 @@ def test_a_known_issue_does_not_fail_and_is_told_when_it_has_gone():
     entries = compare_log(after, before, [issue])
     assert [(e["verdict"], e["note"]) for e in entries if e["verdict"] == "known"] == [("known", "slow start")]
     assert not [e for e in entries if e["verdict"] in FAILING]
-    assert gone([issue], ["bay_01"], entries) == []
-    (passing,) = gone([issue], ["bay_01"], compare_log(log(), before, [issue]))
+    assert gone([issue], entries) == []
+    (passing,) = gone([issue], compare_log(log(), before, [issue]))
     assert passing["verdict"] == "better"
     assert "passes" in passing["note"]
-    assert gone([issue], ["dock_01"], []) == []  # nothing that it is about was run
+    assert gone([issue], compare_log(log("dock_01"), baseline_entry(log("dock_01")), [issue])) == []
+
+
+def test_a_known_issue_has_not_gone_where_its_method_did_not_run_to_its_end():
+    issue = Known(log="bay_01", method="scp", key="objective")
+    before = baseline_entry(log())
+    without, failed, other, same = log(), log(), log(sha256="f" * 64), log()
+    without["cases"][0]["methods"].pop()
+    method(failed)["status"] = "failed"
+    unread = log(error={"code": "E_NOT_FOUND", "message": "none"}, cases=[])
+    for entry in (without, failed, other, unread):
+        assert gone([issue], compare_log(entry, before, [issue], whole=False)) == []
+    assert gone([issue], compare_log(same, before, [issue]), partial=True)
+    pattern = Known(log="bay_*", method="scp", key="objective")
+    assert gone([pattern], compare_log(same, before, [pattern]), partial=True) == []
 
 
 def test_accepting_keeps_the_figures_of_what_is_known():
@@ -209,12 +228,32 @@ def test_a_baseline_comes_back_as_it_was_written(tmp_path):
         '{"schema": "replay.baseline/1"}',
         '{"schema": "replay.baseline/1", "logs": {"a": 1}}',
         '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": 1}}}}',
+        '{"schema": "replay.baseline/1", "logs": {"a": {"sha256": 1, "cases": {}}}}',
+        '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": {"ddp": {"objective": "abc"}}}}}}',
+        '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": {"ddp": {"cusps": true}}}}}}',
+        '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": {"ddp": {"status": 1}}}}}}',
     ],
 )
 def test_what_is_no_baseline_is_one_line(tmp_path, text):
     (tmp_path / "b.json").write_text(text)
     with pytest.raises(ReplayError, match=r"b\.json"):
         read_baseline(tmp_path / "b.json")
+
+
+def test_which_schema_was_found_and_what_to_do_is_told(tmp_path):
+    (tmp_path / "b.json").write_text('{"schema": "replay.baseline/9"}')
+    with pytest.raises(ReplayError, match=r"its schema is 'replay\.baseline/9'; move it away, and make it anew"):
+        read_baseline(tmp_path / "b.json")
+
+
+def test_a_baseline_of_quite_another_corpus_is_refused(corpus, tmp_path):
+    file = tmp_path / "b.json"
+    write_baseline(file, Baseline(logs={"x": baseline_entry(log()), "y": baseline_entry(log())}))
+    with pytest.raises(ReplayError, match="none of its 2 logs is in"):
+        check_baseline(file, find_corpus(str(corpus)))
+    write_baseline(file, Baseline(logs={"x": baseline_entry(log()), "sub/c": baseline_entry(log())}))
+    check_baseline(file, find_corpus(str(corpus)))
+    check_baseline(tmp_path / "none.json", find_corpus(str(corpus)))
 
 
 def test_names_of_logs_become_names_of_files_that_never_meet_and_are_never_hidden(tmp_path):
@@ -264,6 +303,9 @@ def test_a_glob_a_list_and_a_single_log_are_corpora_too(corpus):
     listed = find_corpus(str(corpus / "list.txt"))
     assert [(log.name, log.kind) for log in listed.logs] == [("a", "bay"), ("sub/c", "")]
     assert [log.name for log in find_corpus(str(corpus / "a.mcap")).logs] == ["a"]
+    (corpus / "list.txt").write_text("hi\n")
+    with pytest.raises(ReplayError, match=r"none of its lines \(1\) is the path of a file"):
+        find_corpus(str(corpus / "list.txt"))
 
 
 @pytest.mark.parametrize(
@@ -305,6 +347,9 @@ def test_logs_are_selected_by_method_tag_class_and_name(corpus):
     assert names(patterns=["sub/*"]) == (["sub/c", "sub/deep/d"], "logs sub/*")
     with pytest.raises(ReplayError, match="there are: bay, grid"):
         names(tags=["nonsense"])
+    (corpus / "corpus.toml").unlink()
+    with pytest.raises(ReplayError, match=r"none, corpus\.toml gives them"):
+        select(find_corpus(str(corpus)), (), ("nonsense",), ())
 
 
 def test_results_are_plain_json(tmp_path):
@@ -330,6 +375,29 @@ def test_a_folder_that_cannot_keep_a_name_is_told_and_one_that_never_does_so_is_
     monkeypatch.setattr(os, "fsync", failing(errno.EIO))
     with pytest.raises(ReplayError, match="Input/output error"):
         store.publish({"log": "b", "schema": "replay.run.log/1"})
+
+
+def test_two_changed_trees_of_one_commit_have_two_names(tmp_path):
+    def git(*words: str) -> None:
+        subprocess.run(["git", *words], cwd=tmp_path, check=True, capture_output=True)
+
+    (tmp_path / "optim").mkdir()
+    (tmp_path / "optim" / "a.py").write_text("1")
+    (tmp_path / "README.md").write_text("1")
+    git("init", "-q")
+    git("add", ".")
+    git("-c", "user.name=a", "-c", "user.email=a@example.org", "commit", "-q", "-m", "first")
+    clean = revision(tmp_path)
+    assert len(clean) == 12
+    names = {clean}
+    for text in ("2", "3", "2"):
+        (tmp_path / "optim" / "a.py").write_text(text)
+        names.add(revision(tmp_path))
+    assert len(names) == 3
+    assert all(name == clean or name.startswith(f"{clean}-dirty-") for name in names)
+    (tmp_path / "optim" / "a.py").write_text("1")
+    (tmp_path / "README.md").write_text("2")
+    assert revision(tmp_path) == f"{clean}-dirty"
 
 
 # ---- progress

@@ -10,7 +10,7 @@ from page_reading import Page
 
 from replay.regress.reports import make_report
 from replay.regress.reports.facts import figures, headline, profiles, state
-from replay.regress.reports.groups import groups
+from replay.regress.reports.groups import gravest, groups
 from replay.regress.reports.html import page
 from replay.regress.reports.reading import read_run
 from replay.style import styles
@@ -34,7 +34,14 @@ def passed(tmp_path: pathlib.Path) -> pathlib.Path:
 
 def test_a_run_fails_by_what_is_worse_crashed_or_missing_and_by_nothing_else(tmp_path):
     for i, (verdict, expected) in enumerate(
-        {"worse": "failed", "crashed": "failed", "missing": "failed", "known": "passed", "better": "passed"}.items()
+        {
+            "worse": "failed",
+            "changed": "failed",
+            "crashed": "failed",
+            "missing": "failed",
+            "known": "passed",
+            "better": "passed",
+        }.items()
     ):
         run = maker.write_run(tmp_path / str(i), maker.logs(1), [maker.verdict("open_00", "scp", "objective", verdict)])
         assert state(read_run(run)) == expected
@@ -57,6 +64,27 @@ def test_what_got_worse_is_put_together_by_class_and_told_with_its_size(failed):
     assert len(worse.changes) == 2
     assert worse.median == pytest.approx(0.005)
     assert "scp: objective worse on 2 cases of class narrow, by +0.50 % at the median" in worse.sentence
+
+
+def test_logs_that_are_other_ones_are_told_one_by_one_in_every_report(tmp_path):
+    found = maker.logs(8)
+    notes = [
+        f"{name} is another log than the baseline's: 5 results not compared" for name in ("narrow_01", "narrow_05")
+    ]
+    verdicts = maker.unchanged(found[2:])
+    for name, note in zip(("narrow_01", "narrow_05"), notes, strict=True):
+        verdicts.append(maker.verdict(name, "", "sha256", "changed", "0a", "0b", case="", note=note))
+    run = maker.write_run(tmp_path / "run", found, verdicts)
+    made = make_report(run)
+    assert made.summary["headline"] == "Regression: 2 logs changed; 2 of 8 logs affected"
+    assert [group.sentence for group in gravest(groups(made.run))] == notes
+    junit = ET.parse(run / "junit.xml").getroot()
+    assert [failure.get("message") for failure in junit.iter("failure")] == notes
+    summary = (run / "summary.json").read_text()
+    for note, escaped in zip(notes, [note.replace("_", "\\_") for note in notes], strict=True):
+        assert note in Page((run / "report.html").read_text()).text
+        assert f"**{escaped}**" in (run / "report.md").read_text()
+        assert note in summary
 
 
 def test_figures_follow_from_the_rows(passed):

@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import math
 import pathlib
 import sys
 from collections.abc import Iterator
@@ -10,7 +9,6 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from optim.methods import METHODS
 from replay.cli import drop_output
 from replay.cli.against import time_against
 from replay.cli.console import Common, Voice
@@ -18,19 +16,27 @@ from replay.cli.invoked import to_paste
 from replay.cli.optimize import MethodFlags, WeightFlags
 from replay.cli.options import UsageError
 from replay.cli.reading import Reading
-from replay.cli.settings import MOST_JOBS, RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags, settled
+from replay.cli.regress_plan import check_flags, settings_of
+from replay.cli.settings import RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags
 from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError
 from replay.files import WRITE_ERROR
-from replay.regress.baseline import Baseline, accepted, default_baseline, read_baseline, write_baseline
+from replay.regress.baseline import (
+    Baseline,
+    accepted,
+    check_baseline,
+    default_baseline,
+    read_baseline,
+    write_baseline,
+)
 from replay.regress.cluster import CLUSTER_ERROR, check_address, run_on_cluster
-from replay.regress.corpus import Corpus, Known, find_corpus
+from replay.regress.corpus import Known, find_corpus
 from replay.regress.finish import FINISH_ERROR, finish
 from replay.regress.pool import run_here
 from replay.regress.reports.history import SUMMARY
 from replay.regress.running import Execute, Plan, carry_out, resumed, start
 from replay.regress.selection import select
-from replay.regress.settings import Recordings, Settings
+from replay.regress.settings import DIRTY, Recordings
 from replay.regress.store import Store
 
 _FLAT = Parameter(name="*")
@@ -121,7 +127,7 @@ def run(
         Work on the logs in the random order of this seed. Results do not depend on it.
     """
     voice = Voice(common or Common())
-    _check(time_limit, jobs)
+    check_flags(time_limit, jobs)
     if scheduler is not None:
         check_address(scheduler)
     found = find_corpus(corpus)
@@ -129,14 +135,16 @@ def run(
     given: Layer = {RUN: ({"method": tuple(method)} if method else {}) | ({} if seed is None else {"seed": seed})}
     layers = [limits] + ([] if config is None else [layer_of_file(config)])
     layers += [layer_of_assignments(set_ or ()), given, layer_of_flags(None, reading, weights, options)]
-    settings, named = _settings(layers, found, recordings)
+    settings, named = settings_of(layers, found, recordings)
     logs, partial = select(found, named, tag or (), only or ())
+    compared_with = default_baseline(baseline, found.baseline)
+    check_baseline(compared_with, found)
     plan = Plan(
         corpus=found.path,
         logs=logs,
         known=found.known,
         settings=settings,
-        baseline=default_baseline(baseline, found.baseline),
+        baseline=compared_with,
         partial=partial,
         partial_methods=bool(named),
         shuffle=shuffle,
@@ -178,6 +186,8 @@ def accept(
     lost = sorted(before.logs.keys() - made.logs.keys())
     voice.show(*_changed(changes), *(f"out: {name}" for name in lost))
     write_baseline(file, made)
+    if DIRTY in made.revision:
+        voice.note(f"{made.revision}: its program is no commit's, so that nobody can make this baseline again")
     voice.show(f"wrote {file}: {len(made.logs)} logs; {len(changes)} changes, {len(lost)} logs out")
     about = {"schema": "replay.accept/1", "exit_status": 0, "baseline": str(file)}
     voice.document(about | {"changes": changes, "out": lost})
@@ -213,32 +223,6 @@ def _changed(changes: list[dict[str, Any]]) -> Iterator[str]:
 
 def _shown(value: Any) -> str:
     return f"{value:.9g}" if isinstance(value, float) else str(value)
-
-
-def _check(time_limit: float, jobs: int) -> None:
-    if not 0.0 < time_limit < math.inf:
-        raise UsageError(f"--time-limit is {time_limit:g}, expected more than 0 s")
-    if not 1 <= jobs <= MOST_JOBS:
-        raise UsageError(f"--jobs is {jobs}, expected 1 to {MOST_JOBS}")
-
-
-def _settings(layers: list[Layer], corpus: Corpus, recordings: Recordings) -> tuple[Settings, tuple[str, ...]]:
-    """The settings of a run, and the methods that were asked for: else those that the corpus names, else all."""
-    made = settled(layers)
-    named = made.run.method or ()
-    if not named:
-        wanted = dict.fromkeys(name for log in corpus.logs for name in log.methods or METHODS)
-        made = settled([*layers, {RUN: {"method": tuple(wanted)}}])
-    settings = Settings(
-        methods=made.methods,
-        read=made.read,
-        weights=made.weights,
-        seed=made.run.seed,
-        time_limit=made.run.time_limit,
-        memory_limit=made.run.memory_limit,
-        recordings=recordings,
-    )
-    return settings, named
 
 
 def _executor(scheduler: str | None, jobs: int) -> Execute:

@@ -5,17 +5,24 @@ import os
 import pathlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import NoneType
 from typing import Any
 
 from replay.errors import ReplayError
 from replay.files import atomic_write
 from replay.regress.compare import Entry, baseline_entry, compare_log
-from replay.regress.corpus import Known
+from replay.regress.corpus import Corpus, Known
+from replay.regress.reports.numbers import count
 from replay.results import plain
 from replay.strict_json import JsonError, read_json
 
 BASELINE_ERROR = "E_BASELINE"
 SCHEMA = "replay.baseline/1"
+_FIGURES: Mapping[str, tuple[tuple[type, ...], str]] = {
+    "status": ((str,), "a text"),
+    "audit": ((bool,), "true or false"),
+}
+"""Types of figures that are no numbers."""
 _LARGEST = 512 * 2**20  # [bytes]
 
 
@@ -39,7 +46,8 @@ def read_baseline(path: str | os.PathLike[str]) -> Baseline:
         raise ReplayError(BASELINE_ERROR, f"{os.fspath(path)}: {error}") from None
     wrong = _wrong(document)
     if wrong:
-        raise ReplayError(BASELINE_ERROR, f"{os.fspath(path)}: no {SCHEMA} file: {wrong}")
+        hint = "move it away, and make it anew with `replay regress accept`"
+        raise ReplayError(BASELINE_ERROR, f"{os.fspath(path)}: no {SCHEMA} file: {wrong}; {hint}")
     words = {key: str(document.get(key) or "") for key in ("created", "revision", "options")}
     return Baseline(**words, logs=document["logs"])
 
@@ -47,7 +55,8 @@ def read_baseline(path: str | os.PathLike[str]) -> Baseline:
 def _wrong(document: Any) -> str:
     """What is wrong with a document; empty for a baseline."""
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        return "it has another schema"
+        found = document.get("schema") if isinstance(document, dict) else None
+        return "it has no schema" if found is None else f"its schema is {str(found)[:60]!r}"
     logs = document.get("logs")
     if not isinstance(logs, dict):
         return "logs is missing"
@@ -58,7 +67,35 @@ def _wrong(document: Any) -> str:
         for methods in cases.values():
             if not isinstance(methods, dict) or not all(isinstance(figures, dict) for figures in methods.values()):
                 return f"logs.{name[:60]} holds no figures by case and method"
+        if wrong := _wrong_value(entry):
+            return f"logs.{name[:60]}.{wrong}"
     return ""
+
+
+def _wrong_value(entry: Mapping[str, Any]) -> str:
+    """The first value of a log's entry that cannot be compared with; empty where all can."""
+    for key in ("sha256", "error"):
+        if not isinstance(entry.get(key), (str, NoneType)):
+            return f"{key} is {str(entry[key])[:40]!r}, expected a text or null"
+    for number, methods in entry["cases"].items():
+        for method, figures in methods.items():
+            for key, value in figures.items():
+                kinds, expected = _FIGURES.get(key, ((int, float), "a number"))
+                if not isinstance(value, (*kinds, NoneType)) or (isinstance(value, bool) and bool not in kinds):
+                    return f"cases.{number}.{method}.{key} is {str(value)[:40]!r}, expected {expected}"
+    return ""
+
+
+def check_baseline(path: pathlib.Path | None, corpus: Corpus) -> None:
+    """Raises ReplayError (E_BASELINE) where the file is no baseline, or that of quite another corpus."""
+    if path is None or not path.exists():
+        return
+    logs = read_baseline(path).logs.keys()
+    if logs and logs.isdisjoint(log.name for log in corpus.logs):
+        none = f"none of its {count(len(logs), 'log')} is in {corpus.path}"
+        raise ReplayError(
+            BASELINE_ERROR, f"{path}: is the baseline of another corpus: {none}; name another: --baseline"
+        )
 
 
 def write_baseline(path: str | os.PathLike[str], baseline: Baseline) -> None:

@@ -1,11 +1,13 @@
 """A log's results against the baseline's, its declared expectation and the known issues; each finding a plain entry."""
 
+import glob
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from replay.regress.corpus import Known
 from replay.regress.gate import Metric, Value, metrics_of
 from replay.regress.reports.model import FAILING
+from replay.regress.reports.numbers import count
 
 Entry = dict[str, Any]
 CRASHES = ("E_CRASHED", "E_HUNG", "E_INTERNAL", "E_MEMORY")
@@ -28,11 +30,17 @@ def compare_log(
     if document.get("error") is not None:
         found = [_refused(document, before)]
     else:
-        note = ""
-        if before.get("sha256") not in (None, document.get("sha256")):
-            note, before = "the log is another than the baseline's", {}
-        found = [*_results(document, before, note, whole), *(_expectation(document, before) if whole else ())]
+        if is_other_log(document, before):
+            found, before = _other_log(document, before), {}
+        else:
+            found = _results(document, before, whole)
+        found += _expectation(document, before) if whole else []
     return [_excused(entry, known) for entry in found]
+
+
+def is_other_log(document: Mapping[str, Any], before: Mapping[str, Any]) -> bool:
+    """Whether a log's content is not that of which the baseline has its figures."""
+    return before.get("sha256") not in (None, document.get("sha256"))
 
 
 def missing_log(name: str, known: Sequence[Known] = ()) -> Entry:
@@ -40,13 +48,18 @@ def missing_log(name: str, known: Sequence[Known] = ()) -> Entry:
     return _excused(_entry(name, key="log", before="there", after=None, verdict="missing"), known)
 
 
-def gone(known: Iterable[Known], names: Iterable[str], found: Iterable[Mapping[str, Any]]) -> list[Entry]:
-    """An entry for each known issue that no longer shows on the logs that were worked on."""
-    names = list(names)
+def gone(known: Iterable[Known], found: Sequence[Mapping[str, Any]], *, partial: bool = False) -> list[Entry]:
+    """An entry for each known issue that no longer shows on logs where its method came to an end and was compared.
+
+    Of a `partial` run only issues of one log and one method are told: a pattern may concern what was left out.
+    """
     shown = [entry for entry in found if entry["verdict"] == "known"]
+    ran = [e for e in found if e["key"] == "status" and e["verdict"] != "new" and e["after"] != "failed"]
     passing = []
     for issue in known:
-        logs = [name for name in names if issue.concerns(name)]
+        logs = [e["log"] for e in ran if issue.covers(e["log"], e["method"], issue.key)]
+        if partial and (glob.has_magic(issue.log) or glob.has_magic(issue.method)):
+            continue
         if logs and not any(issue.covers(e["log"], e["method"], e["key"]) for e in shown):
             method = "" if "*" in issue.method else issue.method
             note = f"the known issue passes; take it out of corpus.toml: {issue.note}".rstrip(": ")
@@ -96,14 +109,28 @@ def _refused(document: Mapping[str, Any], before: Mapping[str, Any]) -> Entry:
     return _entry(document["log"], key="error", before=was, after=code, verdict=verdict, note=note)
 
 
-def _results(document: Mapping[str, Any], before: Mapping[str, Any], note: str, whole: bool) -> list[Entry]:
-    found = []
+def _other_log(document: Mapping[str, Any], before: Mapping[str, Any]) -> list[Entry]:
+    """That a log's results are those of other content; of these, what has crashed alone is told."""
+    number = sum(len(case["methods"]) for case in document["cases"])
+    note = f"{document['log']} is another log than the baseline's: {count(number, 'result')} not compared"
+    shas = {"before": _short(before["sha256"]), "after": _short(document.get("sha256"))}
+    entries = _results(document, {}, whole=False)
+    crashed = [entry for entry in entries if entry["verdict"] == "crashed"]
+    return [_entry(document["log"], key="sha256", **shas, verdict="changed", note=note), *crashed]
+
+
+def _short(sha256: Any) -> str:
+    return str(sha256 or "")[:12]
+
+
+def _results(document: Mapping[str, Any], before: Mapping[str, Any], whole: bool) -> list[Entry]:
+    found: list[Entry] = []
     cases = dict(before.get("cases") or {})
     for case in document["cases"]:
         methods = dict(cases.pop(_number(case), {}))
         for method in case["methods"]:
             where = {"case": case["case"], "method": method["name"]}
-            found += _method(document["log"], where, method, methods.pop(method["name"], {}), note)
+            found += _method(document["log"], where, method, methods.pop(method["name"], {}))
         if whole:
             found += [
                 _entry(document["log"], case=case["case"], method=m, key="result", before="there", verdict="missing")
@@ -115,19 +142,17 @@ def _results(document: Mapping[str, Any], before: Mapping[str, Any], note: str, 
     return found
 
 
-def _method(
-    log: str, where: Mapping[str, str], method: Mapping[str, Any], before: Mapping[str, Value], note: str
-) -> list[Entry]:
+def _method(log: str, where: Mapping[str, str], method: Mapping[str, Any], before: Mapping[str, Value]) -> list[Entry]:
     """All figures of one result; of one that crashed, that alone."""
     metrics = metrics_of(method)
     if method["status"] == "failed" and before.get("status") != "failed":
         status = metrics[0]
         reason = str(method.get("reason") or "")
         return [_measured(log, where, status, before.get("status"), "crashed", reason)]
-    return [_measured(log, where, m, before.get(m.key), m.verdict(before.get(m.key)), note) for m in metrics]
+    return [_measured(log, where, m, before.get(m.key), m.verdict(before.get(m.key))) for m in metrics]
 
 
-def _measured(log: str, where: Mapping[str, str], metric: Metric, before: Value, verdict: str, note: str) -> Entry:
+def _measured(log: str, where: Mapping[str, str], metric: Metric, before: Value, verdict: str, note: str = "") -> Entry:
     figures = {"unit": metric.unit, "direction": metric.direction, "rel_tol": metric.rel_tol, "abs_tol": metric.abs_tol}
     return _entry(log, **where, key=metric.key, before=before, after=metric.value, verdict=verdict, note=note) | figures
 

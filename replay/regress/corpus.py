@@ -164,7 +164,10 @@ def _listed(path: pathlib.Path) -> list[pathlib.Path]:
     if path.stat().st_size > _LARGEST_LIST:
         raise ValueError(f"larger than {_LARGEST_LIST} bytes")
     lines = [line.strip() for line in path.read_text("utf-8").splitlines()]
-    return [path.parent / line for line in lines if line and not line.startswith("#")]
+    paths = [path.parent / line for line in lines if line and not line.startswith("#")]
+    if paths and not any(file.is_file() for file in paths):
+        raise ValueError(f"none of its lines ({len(paths)}) is the path of a file, as {printable(paths[0])}")
+    return paths
 
 
 def _root(pattern: str) -> pathlib.Path:

@@ -58,7 +58,7 @@ def judge(folder: pathlib.Path) -> list[Entry]:
         entries += compare_log(document, baseline.logs.get(document["log"]), known, whole=whole)
     if not head.get("partial") and head.get("complete"):
         entries += [missing_log(name, known) for name in sorted(baseline.logs.keys() - set(names))]
-    entries += gone(known, names, entries)
+    entries += gone(known, entries, partial=bool(head.get("partial")))
     text = json.dumps(plain({"schema": VERDICTS_SCHEMA, "verdicts": entries}), sort_keys=True, indent=0)
     with atomic_write(folder / "verdicts.json") as temporary:
         temporary.write_bytes(text.encode("utf-8", "backslashreplace") + b"\n")

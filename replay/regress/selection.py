@@ -20,7 +20,7 @@ def select(
     words = "; ".join(f"{kind} {', '.join(values)}" for kind, values in named.items() if values)
     if not logs:
         known = sorted({word for log in corpus.logs for word in (log.kind, *log.tags) if word})
-        there = f"; tags and classes there are: {', '.join(known)}" if tags and known else ""
+        there = f"; tags and classes there are: {', '.join(known) or 'none, corpus.toml gives them'}" if tags else ""
         raise ReplayError(CORPUS_ERROR, f"{corpus.path}: no log is left of {len(corpus.logs)} with {words}{there}")
     return tuple(logs), words
 

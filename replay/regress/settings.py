@@ -18,6 +18,10 @@ from replay.logs import ReadOptions
 from replay.results import DISTRIBUTION, PACKAGES, installed_version
 
 Recordings = Literal["all", "changed", "none"]
+DIRTY = "-dirty"
+"""In the revision of a program whose files are not those of a commit."""
+_SOURCES = pathlib.Path(__file__).resolve().parents[2]
+"""Folder of the packages."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,16 +60,26 @@ def fingerprint(data: Any) -> str:
     return hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
-def revision() -> str:
-    """Of the program: the commit of its checkout, with -dirty where files differ from it, else its version."""
-    folder = pathlib.Path(__file__).resolve().parent
-    command = ["git", "describe", "--always", "--dirty", "--exclude", "*", "--abbrev=12"]
+def revision(sources: pathlib.Path = _SOURCES) -> str:
+    """Of the program: the commit of its checkout, else its version.
+
+    Where files differ from the commit, -dirty follows, and a hash of how they do, as far as they are of the program.
+    """
+    commit = _git(sources, "describe", "--always", "--dirty", "--exclude", "*", "--abbrev=12").decode().strip()
+    if not commit.endswith(DIRTY):
+        return commit or _version()
+    difference = _git(sources, "diff", "--binary", "--no-ext-diff", "HEAD", "--", "optim", "replay")
+    return f"{commit}-{hashlib.sha256(difference).hexdigest()[:8]}" if difference else commit
+
+
+def _git(folder: pathlib.Path, *arguments: str) -> bytes:
+    """What git says; nothing where it cannot be run, or fails."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=10.0, env=environment)
+        done = subprocess.run(["git", *arguments], cwd=folder, capture_output=True, timeout=10.0, env=environment)
     except (OSError, subprocess.TimeoutExpired):
-        return _version()
-    return done.stdout.strip() if done.returncode == 0 and done.stdout.strip() else _version()
+        return b""
+    return done.stdout if done.returncode == 0 else b""
 
 
 def _version() -> str:

@@ -139,7 +139,8 @@ def _regression(run: RunData) -> str:
     """How much fell short; `groups` says of what."""
     failing = run.failing
     results = {v: {(c.log, c.case, c.method) for c in failing if c.verdict == v} for v in VERDICTS if v in FAILING}
-    parts = [f"{count(len(found), 'result')} {verdict}" for verdict, found in results.items() if found]
+    nouns = {"changed": "log"}
+    parts = [f"{count(len(found), nouns.get(v, 'result'))} {v}" for v, found in results.items() if found]
     return f"Regression: {', '.join(parts)}; {len({change.log for change in failing})} of {logs_in_all(run)} affected"
 
 
@@ -153,6 +154,8 @@ def sentence(change: Change) -> str:
     where = f"{change.method or 'the log'} on {change.case or change.log}"
     if change.verdict == "crashed":
         return f"{where} crashed"
+    if change.verdict == "changed":
+        return change.note
     if change.verdict == "missing":
         return f"{where} is missing"
     unit = f" {change.unit}" if change.unit not in ("", "-") else ""

@@ -11,7 +11,7 @@ from replay.regress.reports.numbers import count, percent
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """Changes of one metric of one method in one class of logs."""
+    """Changes of one metric of one method in one class of logs; of a log that is another one, that alone."""
 
     verdict: str
     method: str
@@ -48,12 +48,14 @@ class Group:
 def groups(run: RunData) -> list[Group]:
     """All changes, by verdict, method, metric and class; the gravest verdict first, of equal ones the most cases."""
     kinds = class_of_logs(run)
-    found: dict[tuple[str, str, str, str], list[Change]] = {}
+    found: dict[tuple[str, str, str, str, str], list[Change]] = {}
     for change in ranked(run.changes):
-        found.setdefault((change.verdict, change.method, change.key, kinds.get(change.log, "")), []).append(change)
+        alone = change.log if change.verdict == "changed" else ""
+        place = (change.verdict, change.method, change.key, kinds.get(change.log, ""), alone)
+        found.setdefault(place, []).append(change)
     made = [
         Group(verdict=verdict, method=method, key=key, kind=kind, changes=tuple(changes))
-        for (verdict, method, key, kind), changes in found.items()
+        for (verdict, method, key, kind, _), changes in found.items()
     ]
     return sorted(made, key=lambda group: (VERDICTS.index(group.verdict), -len(group.changes)))
 

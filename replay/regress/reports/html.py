@@ -25,6 +25,7 @@ SIGNS: Final = {
     "empty": "○",
     "crashed": "✗",
     "missing": "✗",
+    "changed": "≠",
     "worse": "▼",
     "known": "!",
     "better": "▲",

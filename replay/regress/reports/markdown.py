@@ -29,6 +29,8 @@ def markdown(run: RunData) -> str:
         names = ", ".join(escaped(error.log) for error in unexpected[:MOST_LINES])
         parts.append(f"{count(len(unexpected), 'log')} could not be used: {names}")
     changed = groups(run) if run.compared else []  # else all is new, which the headline says
+    others = [group.sentence for group in changed if group.verdict == "changed"]
+    parts += [f"**{escaped(line)}**" for line in others[:MOST_LINES]]
     if changed:
         parts.append(_changes(changed[:MOST_LINES]))
     if len(changed) > MOST_LINES:

@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-VERDICTS: Final = ("crashed", "missing", "worse", "known", "better", "new", "same")
-"""What the comparison with the baseline can say, the gravest first."""
-FAILING: Final = frozenset({"crashed", "missing", "worse"})
+VERDICTS: Final = ("crashed", "missing", "changed", "worse", "known", "better", "new", "same")
+"""What the comparison with the baseline can say, the gravest first; changed: the log is another one, and its results
+are not compared."""
+FAILING: Final = frozenset({"crashed", "missing", "changed", "worse"})
 """Verdicts with which a run fails."""
 
 Numbers = Mapping[str, float]
