@@ -1,15 +1,14 @@
 """`replay regress`: every log of a corpus with every method, compared with a baseline; and `replay regress accept`."""
 
-import itertools
 import json
 import pathlib
 import sys
-from collections.abc import Iterator
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
 from replay.cli import drop_output
+from replay.cli.accepted import changes_for_people
 from replay.cli.against import time_against
 from replay.cli.console import Common, Voice
 from replay.cli.invoked import to_paste
@@ -34,6 +33,7 @@ from replay.regress.corpus import Known, find_corpus
 from replay.regress.finish import FINISH_ERROR, finish
 from replay.regress.pool import run_here
 from replay.regress.reports.history import SUMMARY
+from replay.regress.reports.numbers import count
 from replay.regress.running import Execute, Plan, carry_out, resumed, start
 from replay.regress.selection import select
 from replay.regress.settings import DIRTY, Recordings
@@ -184,11 +184,12 @@ def accept(
     known = [Known(**issue) for issue in head.get("known") or ()]
     made, changes = accepted(before, store.documents(), known, head)
     lost = sorted(before.logs.keys() - made.logs.keys())
-    voice.show(*_changed(changes), *(f"out: {name}" for name in lost))
+    voice.show(*changes_for_people(changes), *(f"out: {name}" for name in lost))
     write_baseline(file, made)
     if DIRTY in made.revision:
         voice.note(f"{made.revision}: its program is no commit's, so that nobody can make this baseline again")
-    voice.show(f"wrote {file}: {len(made.logs)} logs; {len(changes)} changes, {len(lost)} logs out")
+    extent = f"{count(len(made.logs), 'log')}; {count(len(changes), 'change')}, {count(len(lost), 'log')} out"
+    voice.show(f"wrote {file}: {extent}")
     about = {"schema": "replay.accept/1", "exit_status": 0, "baseline": str(file)}
     voice.document(about | {"changes": changes, "out": lost})
     return ExitStatus.OK
@@ -205,26 +206,6 @@ def _to_write(run: pathlib.Path, head: dict[str, Any], baseline: pathlib.Path | 
     return baseline or pathlib.Path(head["accept_to"])
 
 
-def _changed(changes: list[dict[str, Any]]) -> Iterator[str]:
-    """A line for each change; what is new of one result is one line."""
-
-    def place(entry: dict[str, Any]) -> tuple[bool, str]:
-        where = " ".join(filter(None, (entry["case"] or entry["log"], entry["method"])))
-        return entry["verdict"] == "new", where
-
-    for (is_new, where), entries in itertools.groupby(changes, place):
-        if is_new:
-            yield f"new: {where}: " + ", ".join(f"{entry['key']} {_shown(entry['after'])}" for entry in entries)
-            continue
-        for entry in entries:
-            values = f"{entry['key']} {_shown(entry['before'])} → {_shown(entry['after'])}"
-            yield f"{entry['verdict']}: {where}: {values}"
-
-
-def _shown(value: Any) -> str:
-    return f"{value:.9g}" if isinstance(value, float) else str(value)
-
-
 def _executor(scheduler: str | None, jobs: int) -> Execute:
     if scheduler is not None:
         return lambda waiting: run_on_cluster(waiting, scheduler)
@@ -235,7 +216,7 @@ def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, exec
     """Do a run, or its rest, and say what came of it; the exit status."""
     from replay.regress.bar import Bar
 
-    voice.note(f"{store.folder}: {len(plan.logs)} logs, {', '.join(plan.settings.methods)}")
+    voice.note(f"{store.folder}: {count(len(plan.logs), 'log')}, {', '.join(plan.settings.methods)}")
     try:
         with Bar(voice.people, enabled=voice.wants_progress) as bar:
             carry_out(plan, store, execute, bar.outcome)

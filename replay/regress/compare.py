@@ -43,9 +43,10 @@ def is_other_log(document: Mapping[str, Any], before: Mapping[str, Any]) -> bool
     return before.get("sha256") not in (None, document.get("sha256"))
 
 
-def missing_log(name: str, known: Sequence[Known] = ()) -> Entry:
-    """A log of the baseline that is not in the run."""
-    return _excused(_entry(name, key="log", before="there", after=None, verdict="missing"), known)
+def missing_log(name: str, known: Sequence[Known] = (), *, now: str | None = None) -> Entry:
+    """A log of the baseline that is not in the run, unless under the name that it has `now`."""
+    before = "there" if now is None else name
+    return _excused(_entry(name, key="log", before=before, after=now, verdict="missing"), known)
 
 
 def gone(known: Iterable[Known], found: Sequence[Mapping[str, Any]], *, partial: bool = False) -> list[Entry]:

@@ -17,9 +17,8 @@ from replay.regress.baseline import Baseline, read_baseline
 from replay.regress.compare import Entry, compare_log, gone, missing_log
 from replay.regress.corpus import Known
 from replay.regress.reports import make_report
-from replay.regress.reports.facts import acceptable, is_declared, ranked, state
-from replay.regress.reports.groups import gravest, groups
-from replay.regress.reports.junit import explained
+from replay.regress.reports.facts import acceptable, is_declared, state
+from replay.regress.reports.groups import failing_lines, groups
 from replay.regress.reports.reading import VERDICTS_SCHEMA
 from replay.regress.store import Store, file_stem
 from replay.results import plain
@@ -52,10 +51,16 @@ def judge(folder: pathlib.Path) -> list[Entry]:
     baseline = read_baseline(head["baseline"]) if head.get("baseline") else Baseline()
     entries: list[Entry] = []
     names = []
+    absent = {} if head.get("partial") else _absent(baseline, head.get("logs") or ())
     for document in store.documents():
-        names.append(document["log"])
+        name = document["log"]
+        names.append(name)
         whole = not head.get("partial_methods")
-        entries += compare_log(document, baseline.logs.get(document["log"]), known, whole=whole)
+        before = absent.pop(document.get("sha256"), None) if name not in baseline.logs else None
+        entries += compare_log(document, baseline.logs.get(before or name), known, whole=whole)
+        if before is not None:
+            entries.append(missing_log(before, known, now=name))
+            names.append(before)
     if not head.get("partial") and head.get("complete"):
         entries += [missing_log(name, known) for name in sorted(baseline.logs.keys() - set(names))]
     entries += gone(known, entries, partial=bool(head.get("partial")))
@@ -63,6 +68,12 @@ def judge(folder: pathlib.Path) -> list[Entry]:
     with atomic_write(folder / "verdicts.json") as temporary:
         temporary.write_bytes(text.encode("utf-8", "backslashreplace") + b"\n")
     return entries
+
+
+def _absent(baseline: Baseline, logs: Sequence[str]) -> dict[str | None, str]:
+    """Names of the baseline's logs that are not in the run, by their content: what has it now was renamed."""
+    gone_names = sorted(baseline.logs.keys() - set(logs), reverse=True)
+    return {sha256: name for name in gone_names if (sha256 := baseline.logs[name].get("sha256"))}
 
 
 def conclude(folder: pathlib.Path, history: pathlib.Path, commands: Mapping[str, str]) -> dict[str, Any]:
@@ -77,18 +88,19 @@ def conclude(folder: pathlib.Path, history: pathlib.Path, commands: Mapping[str,
     report = make_report(folder, history)
     run = report.run
     told = groups(run)
-    failing = ranked(run.failing)
-    lines = [group.sentence for group in gravest(told)] or [explained(change) for change in failing]
+    lines, more = failing_lines(told)
     return {
         "state": state(run),
         "headline": report.summary["headline"],
-        "failing": lines[:_MOST_LINES],
-        "failing_more": max(0, len(lines) - _MOST_LINES),
+        "failing": lines,
+        "failing_more": more,
         "known": [group.sentence for group in told if group.verdict == "known"][:_MOST_LINES],
         "passing": _few([change.note for change in run.changes if change.key == "known issue"]),
         "unread": _few([f"{error.log}: {error.error}" for error in run.errors if not error.expected]),
         "damaged": _few(run.damaged),
-        "against_corpus": list(dict.fromkeys(change.note for change in failing if is_declared(change) and change.note)),
+        "against_corpus": list(
+            dict.fromkeys(change.note for change in run.failing if is_declared(change) and change.note)
+        ),
         "acceptable": acceptable(run),
         "other_options": _has_other_options(head),
         "files": [str(path) for path in report.files],

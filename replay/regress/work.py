@@ -142,7 +142,8 @@ def _read(case: Case) -> dict[str, Any]:
 def _method(run: MethodRun) -> dict[str, Any]:
     fields = ("name", "status", "stop", "reason", "metrics", "audit", "wall_s", "rejected")
     counters = {"iterations": run.iterations, "evaluations": len(run.history)}
-    return {key: getattr(run, key) for key in fields} | {"work": counters}
+    found = {key: getattr(run, key) for key in fields} | {"work": counters}
+    return found | {"traceback": run.traceback} if run.traceback else found
 
 
 def _wants_recording(job: Job, case: str, entries: list[Entry]) -> bool:

@@ -141,7 +141,9 @@ def _regression(run: RunData) -> str:
     results = {v: {(c.log, c.case, c.method) for c in failing if c.verdict == v} for v in VERDICTS if v in FAILING}
     nouns = {"changed": "log"}
     parts = [f"{count(len(found), nouns.get(v, 'result'))} {v}" for v, found in results.items() if found]
-    return f"Regression: {', '.join(parts)}; {len({change.log for change in failing})} of {logs_in_all(run)} affected"
+    affected = {change.log for change in failing}
+    in_all = count(len(affected.union(run.logs)), "log")  # missing logs too
+    return f"Regression: {', '.join(parts)}; {len(affected)} of {in_all} affected"
 
 
 def logs_in_all(run: RunData) -> str:
@@ -153,14 +155,17 @@ def sentence(change: Change) -> str:
     """One comparison in words."""
     where = f"{change.method or 'the log'} on {change.case or change.log}"
     if change.verdict == "crashed":
-        return f"{where} crashed"
+        return f"{where} crashed: {change.note}".removesuffix(": ")
     if change.verdict == "changed":
         return change.note
     if change.verdict == "missing":
-        return f"{where} is missing"
+        return f"renamed: {change.before} → {change.after}" if change.after else f"{where} is missing"
+    if change.verdict == "new" and change.key in ("log", "result"):
+        return f"{where} is new"
     unit = f" {change.unit}" if change.unit not in ("", "-") else ""
     relative = f" ({text})" if (text := percent(change.relative)) else ""
-    return f"{where}: {change.key} {shown(change.before)} → {shown(change.after)}{unit}{relative}"
+    why = f", {change.note}" if is_declared(change) and change.note else ""
+    return f"{where}: {change.key} {shown(change.before)} → {shown(change.after)}{unit}{relative}{why}"
 
 
 def _progress(run: RunData) -> str:
