@@ -103,6 +103,7 @@ def write_run(
     folder: pathlib.Path,
     logs: Sequence[Mapping[str, Any]],
     verdicts: Sequence[Mapping[str, Any]] | None = None,
+    planned: Sequence[str] = (),
     **head: Any,
 ) -> pathlib.Path:
     """Write a run's folder; `head` overrides fields of run.json."""
@@ -120,6 +121,7 @@ def write_run(
         "complete": True,
         "partial": "",
         "commands": COMMANDS,
+        "logs": list(planned),
     }
     (folder / "run.json").write_text(json.dumps(about | head))
     for i, entry in enumerate(logs):

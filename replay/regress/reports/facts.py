@@ -153,7 +153,8 @@ def logs_in_all(run: RunData) -> str:
 
 def sentence(change: Change) -> str:
     """One comparison in words."""
-    where = f"{change.method or 'the log'} on {change.case or change.log}"
+    place = change.case or change.log
+    where = f"{change.method} on {place}" if change.method else f"log {place}"
     if change.verdict == "crashed":
         return f"{where} crashed: {change.note}".removesuffix(": ")
     if change.verdict == "changed":

@@ -42,6 +42,8 @@ class Row:
     wall_s: float | None
     recording: str | None
     """Path of the recording within the run's folder, where there is one."""
+    traceback: tuple[str, ...] = ()
+    """Lines, where an exception ended the method."""
 
 
 @dataclass(frozen=True, kw_only=True)

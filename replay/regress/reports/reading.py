@@ -139,6 +139,7 @@ def _rows(folder: pathlib.Path, log: Mapping[str, Any], case: Mapping[str, Any])
             work=fields.numbers(method.get("work")),
             wall_s=fields.number(method, "wall_s"),
             recording=_recording(folder, case.get("recording")),
+            traceback=fields.lines(method, "traceback"),
         )
 
 
