@@ -10,10 +10,13 @@ import regress_help as help
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 
 from optim.methods import METHODS
+from replay.cli import main
 from replay.errors import ReplayError
-from replay.regress.cluster import check_address, run_on_cluster
+from replay.regress.baseline import Baseline
+from replay.regress.cluster import _do, check_address, connected, run_on_cluster
 from replay.regress.pool import run_here
-from replay.regress.running import Plan, carry_out, start
+from replay.regress.running import Plan, _jobs, carry_out, start
+from replay.regress.work import _outline
 from tools.regress.local_cluster import LocalCluster
 from tools.regress.small_logs import write_corpus
 from tools.regress.storm import growth
@@ -55,6 +58,40 @@ def test_where_nobody_answers_is_one_line(monkeypatch):
     monkeypatch.setattr("replay.regress.cluster._CONNECT_S", 1)
     with pytest.raises(ReplayError, match="no connection"):
         next(run_on_cluster([], "tcp://127.0.0.1:9"))
+
+
+def test_what_is_waited_for_is_told_before_it_is_given_up(monkeypatch):
+    told: list[str] = []
+    monkeypatch.setattr("replay.regress.cluster._CONNECT_S", 2)
+    monkeypatch.setattr("replay.regress.cluster._PATIENCE_S", 0.05)
+    with pytest.raises(ReplayError, match="no connection"), connected("tcp://127.0.0.1:9", told.append):
+        pass
+    assert told == ["connecting to tcp://127.0.0.1:9, for at most 2 s"]
+
+
+def test_a_scheduler_is_asked_before_the_folder_of_the_run_is_made(tmp_path, monkeypatch):
+    monkeypatch.setattr("replay.regress.cluster._CONNECT_S", 1)
+    folder = help.make_corpus(tmp_path / "corpus", ["bay_01"])
+    assert main(["regress", folder, "--out", str(tmp_path / "runs"), "--scheduler", "tcp://127.0.0.1:9"]) == 2
+    assert not (tmp_path / "runs").exists()
+
+
+def test_relative_paths_are_found_by_workers_elsewhere_and_a_log_that_they_do_not_see_ends_the_run(
+    tmp_path, monkeypatch
+):
+    help.make_corpus(tmp_path / "corpus", ["bay_01"])
+    monkeypatch.chdir(tmp_path)
+    plan = help.make_plan("corpus", {"shortcut": METHODS["shortcut"]})
+    (job,) = _jobs(plan, start(plan, tmp_path / "runs"), plan.logs, Baseline())
+    assert job.log.path == "corpus/bay_01.mcap"
+    elsewhere = job.anywhere()
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert _outline(elsewhere) | {"sha256": None} == _outline(job)
+    assert _outline(elsewhere)["sha256"]
+    (tmp_path / "corpus" / "bay_01.mcap").unlink()
+    told = _do(elsewhere, [elsewhere.folder, elsewhere.file])
+    assert told == {"unseen": str(tmp_path / "corpus" / "bay_01.mcap"), "state": ""}
 
 
 def test_growth_is_that_of_the_coordinator_after_a_number_of_results():

@@ -156,6 +156,7 @@ def test_a_failing_run_ends_with_the_command_that_accepts_and_accepting_makes_it
         (["recordings", "--method", "spc"], "scp"),
         (["recordings", "--jobs", "0"], "--jobs"),
         (["recordings", "--baseline", "nowhere"], "no such file"),
+        (["recordings", "--against", "no-such-version"], "expected the folder of an environment"),
         (["recordings", "--resume", "--out", "nowhere"], "no unfinished run"),
         (["recordings", "--tag", "nonsense"], "no log is left"),
         (["accept", "nowhere"], "run.json"),

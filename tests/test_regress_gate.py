@@ -1,11 +1,10 @@
-"""What counts as worse, what a baseline keeps, which logs a corpus has."""
+"""What counts as worse, which logs a corpus has, what a run keeps in files."""
 
 import errno
 import io
 import json
 import os
 import pathlib
-import subprocess
 
 import pytest
 import run_maker as maker
@@ -13,12 +12,10 @@ from rich.console import Console
 
 from replay.errors import ReplayError
 from replay.regress.bar import Bar
-from replay.regress.baseline import Baseline, accepted, check_baseline, read_baseline, write_baseline
 from replay.regress.compare import baseline_entry, compare_log, gone
 from replay.regress.corpus import Known, find_corpus
 from replay.regress.gate import Metric, metrics_of
 from replay.regress.selection import select
-from replay.regress.settings import revision
 from replay.regress.store import Store, file_stem
 from replay.regress.work import Outcome
 
@@ -191,69 +188,7 @@ def test_a_known_issue_has_not_gone_where_its_method_did_not_run_to_its_end():
     assert gone([pattern], compare_log(same, before, [pattern]), partial=True) == []
 
 
-def test_accepting_keeps_the_figures_of_what_is_known():
-    issue = Known(log="bay_*", method="scp", key="objective")
-    before = Baseline(logs={"bay_01": baseline_entry(log())})
-    after = log()
-    for name in ("ddp", "scp"):
-        method(after, name)["metrics"]["objective"] *= 1.1
-    made, changes = accepted(before, [after], [issue], {"created": "now"})
-    figures = made.logs["bay_01"]["cases"]["0"]
-    assert figures["scp"]["objective"] == method(log())["metrics"]["objective"]
-    assert figures["ddp"]["objective"] == method(after, "ddp")["metrics"]["objective"]
-    assert {(c["method"], c["verdict"]) for c in changes} == {("ddp", "worse"), ("scp", "known")}
-
-
 # ---- files
-
-
-def test_a_baseline_comes_back_as_it_was_written(tmp_path):
-    names = ["bay_01", "ö/\ud800\n"]
-    made = Baseline(created="now", revision="abc", options="x", logs={name: baseline_entry(log()) for name in names})
-    write_baseline(tmp_path / "b.json", made)
-    assert read_baseline(tmp_path / "b.json") == made
-    changed = Baseline(
-        created="now", revision="abc", options="x", logs=dict(made.logs) | {"bay_01": made.logs[names[1]]}
-    )
-    write_baseline(tmp_path / "c.json", changed)
-    assert (tmp_path / "b.json").read_text() == (tmp_path / "c.json").read_text()
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "[]",
-        '{"schema": "replay.baseline/2"}',
-        '{"schema": "replay.baseline/1"}',
-        '{"schema": "replay.baseline/1", "logs": {"a": 1}}',
-        '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": 1}}}}',
-        '{"schema": "replay.baseline/1", "logs": {"a": {"sha256": 1, "cases": {}}}}',
-        '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": {"ddp": {"objective": "abc"}}}}}}',
-        '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": {"ddp": {"cusps": true}}}}}}',
-        '{"schema": "replay.baseline/1", "logs": {"a": {"cases": {"0": {"ddp": {"status": 1}}}}}}',
-    ],
-)
-def test_what_is_no_baseline_is_one_line(tmp_path, text):
-    (tmp_path / "b.json").write_text(text)
-    with pytest.raises(ReplayError, match=r"b\.json"):
-        read_baseline(tmp_path / "b.json")
-
-
-def test_which_schema_was_found_and_what_to_do_is_told(tmp_path):
-    (tmp_path / "b.json").write_text('{"schema": "replay.baseline/9"}')
-    with pytest.raises(ReplayError, match=r"its schema is 'replay\.baseline/9'; move it away, and make it anew"):
-        read_baseline(tmp_path / "b.json")
-
-
-def test_a_baseline_of_quite_another_corpus_is_refused(corpus, tmp_path):
-    file = tmp_path / "b.json"
-    write_baseline(file, Baseline(logs={"x": baseline_entry(log()), "y": baseline_entry(log())}))
-    with pytest.raises(ReplayError, match="none of its 2 logs is in"):
-        check_baseline(file, find_corpus(str(corpus)))
-    write_baseline(file, Baseline(logs={"x": baseline_entry(log()), "sub/c": baseline_entry(log())}))
-    check_baseline(file, find_corpus(str(corpus)))
-    check_baseline(tmp_path / "none.json", find_corpus(str(corpus)))
 
 
 def test_names_of_logs_become_names_of_files_that_never_meet_and_are_never_hidden(tmp_path):
@@ -375,29 +310,6 @@ def test_a_folder_that_cannot_keep_a_name_is_told_and_one_that_never_does_so_is_
     monkeypatch.setattr(os, "fsync", failing(errno.EIO))
     with pytest.raises(ReplayError, match="Input/output error"):
         store.publish({"log": "b", "schema": "replay.run.log/1"})
-
-
-def test_two_changed_trees_of_one_commit_have_two_names(tmp_path):
-    def git(*words: str) -> None:
-        subprocess.run(["git", *words], cwd=tmp_path, check=True, capture_output=True)
-
-    (tmp_path / "optim").mkdir()
-    (tmp_path / "optim" / "a.py").write_text("1")
-    (tmp_path / "README.md").write_text("1")
-    git("init", "-q")
-    git("add", ".")
-    git("-c", "user.name=a", "-c", "user.email=a@example.org", "commit", "-q", "-m", "first")
-    clean = revision(tmp_path)
-    assert len(clean) == 12
-    names = {clean}
-    for text in ("2", "3", "2"):
-        (tmp_path / "optim" / "a.py").write_text(text)
-        names.add(revision(tmp_path))
-    assert len(names) == 3
-    assert all(name == clean or name.startswith(f"{clean}-dirty-") for name in names)
-    (tmp_path / "optim" / "a.py").write_text("1")
-    (tmp_path / "README.md").write_text("2")
-    assert revision(tmp_path) == f"{clean}-dirty"
 
 
 # ---- progress

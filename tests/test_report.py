@@ -1,5 +1,6 @@
 """What a regression run amounts to, and its page; nothing in its files can make it say something else."""
 
+import json
 import pathlib
 import xml.etree.ElementTree as ET
 
@@ -85,6 +86,37 @@ def test_logs_that_are_other_ones_are_told_one_by_one_in_every_report(tmp_path):
         assert note in Page((run / "report.html").read_text()).text
         assert f"**{escaped}**" in (run / "report.md").read_text()
         assert note in summary
+
+
+def test_other_options_than_the_baseline_s_stand_in_every_report(tmp_path):
+    found = maker.logs(1)
+    words = "the baseline was made with other options: weights.cusp 1 (baseline: 5)"
+    run = maker.write_run(tmp_path / "run", found, maker.unchanged(found), other_options=words, partial="methods scp")
+    make_report(run)
+    for name in ("report.html", "report.md", "junit.xml", "summary.json"):
+        assert words in (run / name).read_text()
+
+
+def test_a_run_that_is_slower_for_certain_fails_in_every_report(tmp_path):
+    found = maker.logs(3)
+    run = maker.write_run(tmp_path / "run", found, maker.unchanged(found))
+    compared = {
+        "scp": {"ratio": 1.2, "low": 1.1, "high": 1.3, "pairs": 3, "alarm": True},
+        "all": {"ratio": 1.2, "low": None, "high": None, "pairs": 2, "alarm": False},
+    }
+    document = {"schema": "replay.timing/1", "against": "v1.2", "ratios": {}, "compared": compared}
+    (run / "timing.json").write_text(json.dumps(document))
+    made = make_report(run)
+    assert made.summary["state"] == "failed"
+    assert made.summary["headline"] == "Regression: slower than v1.2: scp"
+    assert [each["slower"] for each in made.summary["timing"]] == [True, False]
+    root = ET.parse(run / "junit.xml").getroot()
+    assert (root.get("failures"), len(root.findall("testsuite[@name='timing']/testcase"))) == ("1", 2)
+    for name in ("report.html", "report.md"):
+        text = (run / name).read_text()
+        for words in ("slower than v1.2", "1.100 to 1.300", "✗ slower", "too few logs"):
+            assert words in text
+        assert maker.COMMANDS["accept"] not in text  # times are in no baseline
 
 
 def test_figures_follow_from_the_rows(passed):

@@ -12,6 +12,7 @@ from page_reading import Page
 
 import replay.cli
 from replay.errors import ReplayError
+from replay.regress.finish import conclude
 from replay.regress.reports import FILES, make_report
 from replay.regress.reports.charts import drift_chart
 from replay.regress.reports.history import trend
@@ -71,6 +72,39 @@ def test_junit_counts_results_that_are_missing_and_logs_that_cannot_be_read(tmp_
     assert root.get("tests") == "3"
     assert (root.get("failures"), root.get("errors")) == ("1", "1")
     assert [e.get("message") for e in root.iter("error")] == ["odd_01.mcap: no map [E_NO_MAP]"]
+
+
+def test_a_log_that_the_baseline_could_not_read_either_is_known_and_of_another_the_cure_is_told(tmp_path):
+    error = {"code": "E_NO_MAP", "message": "no map"}
+    found = [maker.log(name, 1, error=error, cases=[], path=f"site/{name}.mcap") for name in ("old", "new.1", "was")]
+    verdicts = [
+        maker.verdict(entry["log"], "", "error", verdict, case="")
+        for entry, verdict in zip(found, ("same", "new", "worse"), strict=True)
+    ]
+    run = maker.write_run(tmp_path / "run", found, verdicts)
+    made = make_report(run)
+    cure = 'expected? in site/corpus.toml: [logs."new.1"] expect = "E_NO_MAP"'
+    told = {error.log: (error.expected, error.cure) for error in made.run.errors}
+    assert told == {"old": (True, ""), "new.1": (False, cure), "was": (False, "")}
+    assert cure in Page((run / "report.html").read_text()).text
+    assert replay.cli.main(["report", str(maker.write_run(tmp_path / "other", found[:1], verdicts[:1]))]) == 0
+
+
+def test_recordings_that_could_not_be_written_are_told(tmp_path):
+    (entry,) = maker.logs(1)
+    entry["cases"][0] |= {"recording": None, "recording_error": "the disk is full"}
+    run = maker.write_run(tmp_path / "run", [entry], [maker.verdict("open_00", "scp", "cusps", "worse", 1.0, 2.0)])
+    make_report(run)
+    assert "**1 recording could not be written:** the disk is full" in (run / "report.md").read_text()
+    assert "could not be written: the disk is full" in (run / "junit.xml").read_text()
+    assert "not written" in Page((run / "report.html").read_text()).text
+    assert conclude(run, tmp_path, {})["unwritten"] == "1 recording could not be written: the disk is full"
+
+
+def test_logs_of_one_content_are_told_once(tmp_path):
+    found = [maker.log(name, 1) for name in ("a", "b")] + [maker.log("c", 2)]
+    run = maker.write_run(tmp_path / "run", found, maker.unchanged(found))
+    assert conclude(run, tmp_path, {})["twice"] == "logs with the same content: a = b"
 
 
 def test_markdown_is_short_and_has_the_facts(failed):

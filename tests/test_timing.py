@@ -13,7 +13,7 @@ import regress_help as help
 
 from replay.errors import ReplayError
 from replay.regress import timing
-from replay.regress.timing import Server, Side, compared, judged, measure, this_version, version
+from replay.regress.timing import Server, Side, check_version, compared, judged, measure, this_version, version
 
 
 def ratios(true: float, noise: float, count: int = 40, seed: int = 1) -> list[float]:
@@ -30,15 +30,20 @@ def test_a_slowdown_is_found_and_noise_is_not():
 
 
 def test_the_interval_holds_the_mean_and_methods_are_told_apart():
-    found = judged({"ddp": {str(i): r for i, r in enumerate(ratios(1.2, 0.02))}, "scp": {"0": 1.0, "1": 1.0}})
+    found = judged({"ddp": {str(i): r for i, r in enumerate(ratios(1.2, 0.02))}, "scp": {"0": 1.5, "1": 1.5}})
     assert found["ddp"].alarm
+    assert (found["scp"].low, found["scp"].high) == (None, None)  # two logs say nothing for certain
     assert not found["scp"].alarm
+    assert found["ddp"].low is not None
+    assert found["ddp"].high is not None
     assert found["ddp"].low < found["ddp"].ratio < found["ddp"].high
     assert (found["all"].pairs, found["scp"].pairs) == (40, 2)
     assert judged({}) == {}
 
 
 def test_what_is_no_version_is_one_line_that_says_what_would_be():
+    with pytest.raises(ReplayError, match="a git revision"):
+        check_version("no-such-thing")
     with pytest.raises(ReplayError, match="a git revision") as caught, version("no-such-thing"):
         pass
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""The part of `replay regress --against VERSION` that times two versions in turns and says which is slower."""
+"""The part of `replay regress --against VERSION` that times two versions in turns; the reports say which is slower."""
 
 import json
 from dataclasses import asdict
@@ -6,20 +6,43 @@ from dataclasses import asdict
 from rich.table import Table
 
 from replay.cli.console import Voice
-from replay.errors import printable
+from replay.errors import ReplayError, printable
 from replay.files import atomic_write
 from replay.regress.bar import Bar
 from replay.regress.corpus import STORES
+from replay.regress.reports.reading import TIMING, TIMING_SCHEMA
 from replay.regress.running import Plan
 from replay.regress.store import Store
-from replay.regress.timing import ALARM, Comparison, Server, judged, measure, this_version, version
+from replay.regress.timing import (
+    AGAINST_ERROR,
+    ALARM,
+    LEAST_PAIRS,
+    Comparison,
+    Server,
+    judged,
+    measure,
+    this_version,
+    version,
+)
 from replay.regress.work import local_file
 
-TIMING_SCHEMA = "replay.timing/1"
+
+def time_against(voice: Voice, plan: Plan, store: Store, name: str) -> dict[str, Comparison] | None:
+    """Time this version and another one in turns, and write timing.json into the run, for its reports.
+
+    None, and a line that says why, where that fails: it costs no result.
+    """
+    try:
+        return _timed(voice, plan, store, name)
+    except ReplayError as error:
+        if error.code != AGAINST_ERROR:
+            raise
+        voice.error(str(error))
+        return None
 
 
-def time_against(voice: Voice, plan: Plan, store: Store, name: str) -> bool:
-    """Time this version and another one in turns, write timing.json into the run; whether this one is slower.
+def _timed(voice: Voice, plan: Plan, store: Store, name: str) -> dict[str, Comparison]:
+    """The comparison by method, also written.
 
     Methods are timed with their default options: those are what both versions have. Raises ReplayError (E_AGAINST).
     """
@@ -40,11 +63,14 @@ def time_against(voice: Voice, plan: Plan, store: Store, name: str) -> bool:
     found = judged(ratios)
     document = {"schema": TIMING_SCHEMA, "against": name, "ratios": ratios}
     document["compared"] = {method: asdict(each) | {"alarm": each.alarm} for method, each in found.items()}
-    with atomic_write(store.folder / "timing.json") as temporary:
+    with atomic_write(store.folder / TIMING) as temporary:
         temporary.write_text(json.dumps(document, indent=1, sort_keys=True) + "\n")
-    slower = [method for method, each in found.items() if each.alarm]
-    voice.show(_table(found), f"timed against {name}: {_sentence(found, slower)}")
-    return bool(slower)
+    return found
+
+
+def tell_timing(voice: Voice, name: str, found: dict[str, Comparison]) -> None:
+    """The table of the methods' ratios, and what it amounts to."""
+    voice.show(_table(found), f"timed against {name}: {_sentence(found)}")
 
 
 def _table(found: dict[str, Comparison]) -> Table:
@@ -52,14 +78,17 @@ def _table(found: dict[str, Comparison]) -> Table:
     for heading in ("method", "new / old", "95 % interval", "logs"):
         table.add_column(heading, justify="left" if heading == "method" else "right", no_wrap=True)
     for method, each in found.items():
-        interval = f"{each.low:.3f} to {each.high:.3f}"
+        interval = "–" if each.low is None else f"{each.low:.3f} to {each.high:.3f}"
         table.add_row(printable(method, 60), f"{each.ratio:.3f}", interval, str(each.pairs))
     return table
 
 
-def _sentence(found: dict[str, Comparison], slower: list[str]) -> str:
+def _sentence(found: dict[str, Comparison]) -> str:
+    slower = [method for method, each in found.items() if each.alarm]
     if not found:
         return "nothing that both versions can do"
     if slower:
         return f"slower: {', '.join(slower)} (the whole interval lies above {ALARM})"
+    if all(each.low is None for each in found.values()):
+        return f"no verdict: at least {LEAST_PAIRS} logs are needed"
     return f"not slower (no interval lies above {ALARM})"

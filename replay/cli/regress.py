@@ -3,13 +3,14 @@
 import json
 import pathlib
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
 from replay.cli import drop_output
 from replay.cli.accepted import changes_for_people
-from replay.cli.against import time_against
+from replay.cli.against import tell_timing, time_against
 from replay.cli.console import Common, Voice
 from replay.cli.invoked import to_paste
 from replay.cli.optimize import MethodFlags, WeightFlags
@@ -20,15 +21,15 @@ from replay.cli.settings import RUN, Layer, layer_of_assignments, layer_of_file,
 from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError
 from replay.files import WRITE_ERROR
+from replay.regress.acceptance import Wanted, accepted
 from replay.regress.baseline import (
     Baseline,
-    accepted,
     check_baseline,
     default_baseline,
     read_baseline,
     write_baseline,
 )
-from replay.regress.cluster import CLUSTER_ERROR, check_address, run_on_cluster
+from replay.regress.cluster import CLUSTER_ERROR, check_address, connected
 from replay.regress.corpus import Known, find_corpus
 from replay.regress.finish import FINISH_ERROR, finish
 from replay.regress.pool import run_here
@@ -38,6 +39,8 @@ from replay.regress.running import Execute, Plan, carry_out, resumed, start
 from replay.regress.selection import select
 from replay.regress.settings import DIRTY, Recordings
 from replay.regress.store import Store
+from replay.regress.timing import check_version
+from replay.regress.work import Outcome
 
 _FLAT = Parameter(name="*")
 _PARTIAL = ("--method", "--tag", "--only")
@@ -139,6 +142,8 @@ def run(
     logs, partial = select(found, named, tag or (), only or ())
     compared_with = default_baseline(baseline, found.baseline)
     check_baseline(compared_with, found)
+    if against is not None:
+        check_version(against)
     plan = Plan(
         corpus=found.path,
         logs=logs,
@@ -149,11 +154,9 @@ def run(
         partial_methods=bool(named),
         shuffle=shuffle,
     )
-    store = resumed(plan, out) if resume else start(plan, out)
-    status = _carried_out(voice, plan, store, out, _executor(scheduler, jobs))
-    if against is None or status in (ExitStatus.INTERRUPTED, ExitStatus.USAGE):
-        return status
-    return ExitStatus.SHORT if time_against(voice, plan, store, against) else status
+    with _executor(voice, scheduler, jobs) as execute:
+        store = resumed(plan, out) if resume else start(plan, out)
+        return _carried_out(voice, plan, store, out, execute, against)
 
 
 @regress.command
@@ -163,6 +166,8 @@ def accept(
     /,
     *,
     baseline: pathlib.Path | None = None,
+    only: Annotated[list[str] | None, Parameter(negative=())] = None,
+    method: Annotated[list[str] | None, Parameter(negative=())] = None,
     common: Annotated[Common | None, _FLAT] = None,
 ) -> int:
     """Make a run the baseline: print every change against the present one, and write it.
@@ -175,6 +180,10 @@ def accept(
         Folder of the run.
     baseline
         File to write; by default that with which the run was compared.
+    only
+        Take over only logs whose name fits this pattern, as 'full/odd_*'; may be given several times.
+    method
+        Take over only this method's results, by name; several with commas between, or by giving this several times.
     """
     voice = Voice(common or Common())
     store = Store(run)
@@ -182,16 +191,20 @@ def accept(
     file = _to_write(run, head, baseline)
     before = read_baseline(file) if file.exists() else Baseline()
     known = [Known(**issue) for issue in head.get("known") or ()]
-    made, changes = accepted(before, store.documents(), known, head)
+    wanted = Wanted(logs=only or (), methods=[name.strip() for names in method or () for name in names.split(",")])
+    done = accepted(before, store.documents(), known, head, wanted)
+    made, changes = done.baseline, done.changes
     lost = sorted(before.logs.keys() - made.logs.keys())
     voice.show(*changes_for_people(changes), *(f"out: {name}" for name in lost))
+    if done.kept:
+        voice.show(f"as it was: {count(done.kept, 'result')} of the baseline, by --only and --method")
     write_baseline(file, made)
     if DIRTY in made.revision:
         voice.note(f"{made.revision}: its program is no commit's, so that nobody can make this baseline again")
     extent = f"{count(len(made.logs), 'log')}; {count(len(changes), 'change')}, {count(len(lost), 'log')} out"
     voice.show(f"wrote {file}: {extent}")
     about = {"schema": "replay.accept/1", "exit_status": 0, "baseline": str(file)}
-    voice.document(about | {"changes": changes, "out": lost})
+    voice.document(about | {"changes": changes, "out": lost, "kept": done.kept})
     return ExitStatus.OK
 
 
@@ -206,20 +219,29 @@ def _to_write(run: pathlib.Path, head: dict[str, Any], baseline: pathlib.Path | 
     return baseline or pathlib.Path(head["accept_to"])
 
 
-def _executor(scheduler: str | None, jobs: int) -> Execute:
+def _executor(voice: Voice, scheduler: str | None, jobs: int) -> AbstractContextManager[Execute]:
     if scheduler is not None:
-        return lambda waiting: run_on_cluster(waiting, scheduler)
-    return lambda waiting: run_here(waiting, jobs)
+        return connected(scheduler, voice.note)
+    return nullcontext(lambda waiting: run_here(waiting, jobs))
 
 
-def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, execute: Execute) -> int:
+def _carried_out(
+    voice: Voice, plan: Plan, store: Store, out: pathlib.Path, execute: Execute, against: str | None
+) -> int:
     """Do a run, or its rest, and say what came of it; the exit status."""
     from replay.regress.bar import Bar
 
     voice.note(f"{store.folder}: {count(len(plan.logs), 'log')}, {', '.join(plan.settings.methods)}")
+
+    def progress(outcome: Outcome | None, done: int, total: int) -> None:
+        if outcome is None and done:
+            voice.note(f"{done} of {total} logs are done")
+        bar.outcome(outcome, done, total)
+
     try:
         with Bar(voice.people, enabled=voice.wants_progress) as bar:
-            carry_out(plan, store, execute, bar.outcome)
+            carry_out(plan, store, execute, progress)
+        timed = None if against is None else time_against(voice, plan, store, against)
         said = finish(store.folder, out, _commands(plan, store))
     except KeyboardInterrupt:
         voice.error(f"interrupted; what was finished is kept in {store.folder}")
@@ -229,10 +251,13 @@ def _carried_out(voice: Voice, plan: Plan, store: Store, out: pathlib.Path, exec
         if error.code not in _SHORT:
             raise
         voice.error(str(error))
+        voice.error(f"the rest: {_again()}")
         return ExitStatus.SHORT
-    status = _status(said)
+    status = ExitStatus.SHORT if against is not None and timed is None else _status(said)
     try:
         _tell(voice, plan, store, said, status)
+        if timed is not None:
+            tell_timing(voice, str(against), timed)
     except BrokenPipeError:  # who reads the first lines alone must not turn a regression into a success
         drop_output()
     return status
@@ -248,7 +273,9 @@ def _tell(voice: Voice, plan: Plan, store: Store, said: Any, status: ExitStatus)
     for line in (*said["unread"], *(f"left out: {line}" for line in said["damaged"])):
         voice.error(line)
     if said["other_options"]:
-        voice.note("the baseline was made with other options")
+        voice.note(said["other_options"])
+    for line in filter(None, (said["unwritten"], said["twice"])):
+        voice.note(line)
     voice.show(f"report: {store.folder / 'report.html'}")
     if voice.common.json:
         document = {key: said[key] for key in ("headline", "failing", "known", "passing", "unread", "files")}

@@ -3,15 +3,14 @@
 import json
 import os
 import pathlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import NoneType
 from typing import Any
 
 from replay.errors import ReplayError
 from replay.files import atomic_write
-from replay.regress.compare import Entry, baseline_entry, compare_log
-from replay.regress.corpus import Corpus, Known
+from replay.regress.corpus import Corpus
 from replay.regress.reports.numbers import count
 from replay.results import plain
 from replay.strict_json import JsonError, read_json
@@ -34,6 +33,8 @@ class Baseline:
     revision: str = ""
     options: str = ""
     """Fingerprint of the options with which it was made."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """These options, as `Settings.plain` gives them; empty where the file does not hold them."""
     logs: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """By the log's name, as `compare.baseline_entry` gives them."""
 
@@ -49,7 +50,7 @@ def read_baseline(path: str | os.PathLike[str]) -> Baseline:
         hint = "move it away, and make it anew with `replay regress accept`"
         raise ReplayError(BASELINE_ERROR, f"{os.fspath(path)}: no {SCHEMA} file: {wrong}; {hint}")
     words = {key: str(document.get(key) or "") for key in ("created", "revision", "options")}
-    return Baseline(**words, logs=document["logs"])
+    return Baseline(**words, settings=document.get("settings") or {}, logs=document["logs"])
 
 
 def _wrong(document: Any) -> str:
@@ -57,6 +58,8 @@ def _wrong(document: Any) -> str:
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         found = document.get("schema") if isinstance(document, dict) else None
         return "it has no schema" if found is None else f"its schema is {str(found)[:60]!r}"
+    if not isinstance(document.get("settings"), (dict, NoneType)):
+        return "settings is no object"
     logs = document.get("logs")
     if not isinstance(logs, dict):
         return "logs is missing"
@@ -102,12 +105,22 @@ def write_baseline(path: str | os.PathLike[str], baseline: Baseline) -> None:
     """Write a baseline, whole or not at all, each result on a line of its own so that changes can be reviewed."""
     head = {"created": baseline.created, "revision": baseline.revision, "options": baseline.options, "schema": SCHEMA}
     lines = ["{"] + [f" {json.dumps(key)}: {json.dumps(value)}," for key, value in sorted(head.items())]
+    if baseline.settings:
+        groups = [f"  {json.dumps(key)}: {_settings(value)}" for key, value in sorted(plain(baseline.settings).items())]
+        lines += [' "settings": {', ",\n".join(groups), " },"]
     lines.append(' "logs": {')
     logs = [_log_lines(name, plain(baseline.logs[name])) for name in sorted(baseline.logs)]
     lines += [",\n".join(logs), " }", "}"]
     content = "\n".join(lines).encode("utf-8", "backslashreplace") + b"\n"
     with atomic_write(path) as temporary:
         temporary.write_bytes(content)
+
+
+def _settings(value: Any) -> str:
+    """One group of options: those of each method on a line of their own."""
+    if not isinstance(value, dict) or not any(isinstance(options, dict) for options in value.values()):
+        return json.dumps(value, sort_keys=True)
+    return "{\n" + ",\n".join(f"   {json.dumps(k)}: {json.dumps(v, sort_keys=True)}" for k, v in value.items()) + "}"
 
 
 def _log_lines(name: str, entry: Mapping[str, Any]) -> str:
@@ -121,43 +134,6 @@ def _log_lines(name: str, entry: Mapping[str, Any]) -> str:
     fields = [f"   {json.dumps(key)}: {json.dumps(value)}," for key, value in about.items()]
     fields.append('   "cases": {' + ("\n" + ",\n".join(cases) if cases else "") + "}")
     return "\n".join([f"  {json.dumps(name)}: {{", *fields, "  }"])
-
-
-def accepted(
-    before: Baseline, documents: Iterable[Mapping[str, Any]], known: Sequence[Known], head: Mapping[str, Any]
-) -> tuple[Baseline, list[Entry]]:
-    """The baseline that a run makes, and every change against the one before.
-
-    What a known issue covers keeps the figures that it had: else the issue would be what is expected from now on.
-    """
-    logs: dict[str, Mapping[str, Any]] = {}
-    changes: list[Entry] = []
-    for document in documents:
-        old = before.logs.get(document["log"])
-        entries = compare_log(document, old, known)
-        changes += [entry for entry in entries if entry["verdict"] != "same"]
-        logs[document["log"]] = _kept(baseline_entry(document), old, entries)
-    about = {key: str(head.get(key) or "") for key in ("created", "revision", "options_fingerprint")}
-    made = Baseline(
-        created=about["created"], revision=about["revision"], options=about["options_fingerprint"], logs=logs
-    )
-    return made, changes
-
-
-def _kept(entry: Entry, old: Mapping[str, Any] | None, entries: Iterable[Entry]) -> Mapping[str, Any]:
-    """A log's entry with the old figures of what is known."""
-    for change in entries:
-        if change["verdict"] != "known" or old is None:
-            continue
-        if not change["case"]:
-            return old
-        number = change["case"].rpartition("/")[2]
-        figures = old["cases"].get(number, {}).get(change["method"])
-        if figures is not None and change["key"] == "status":
-            entry["cases"].setdefault(number, {})[change["method"]] = figures
-        elif figures is not None and change["key"] in figures:
-            entry["cases"][number][change["method"]][change["key"]] = figures[change["key"]]
-    return entry
 
 
 def default_baseline(given: pathlib.Path | None, corpus: str | None) -> pathlib.Path | None:

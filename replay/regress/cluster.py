@@ -10,10 +10,11 @@ import atexit
 import contextlib
 import ipaddress
 import logging
+import os
 import threading
 import urllib.parse
 import uuid
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import Any
 
 from replay.errors import ReplayError
@@ -28,6 +29,8 @@ OUTSTANDING = 4
 """Tasks for each thread of the cluster that are submitted at a time."""
 _CONNECT_S = 15
 _WORKERS_S = 60
+_PATIENCE_S, _WORKER_PATIENCE_S = 3.0, 5.0
+"""Time after which it is told that a connection, and that a worker, is waited for [s]."""
 
 
 def check_address(address: str) -> None:
@@ -61,66 +64,97 @@ def _is_loopback(host: str) -> bool:
 
 
 def run_on_cluster(jobs: Iterable[Job], address: str) -> Generator[Outcome]:
-    """Do jobs on the workers of a scheduler; outcomes come as they come.
+    """Do jobs on the workers of a scheduler; outcomes come as they come. Raises as `connected` and what it gives."""
+    with connected(address) as execute:
+        yield from execute(jobs)
 
-    Raises ReplayError where the address is refused or nobody answers there (E_SCHEDULER), or the scheduler goes away
-    (E_CLUSTER).
+
+@contextlib.contextmanager
+def connected(
+    address: str, tell: Callable[[str], None] = lambda _: None
+) -> Iterator[Callable[[Iterable[Job]], Generator[Outcome]]]:
+    """What does jobs on the workers of a scheduler, of which there is one at least; `tell` hears what it waits for.
+
+    Raises ReplayError (E_SCHEDULER) where the address is refused, nobody answers there or no worker comes, and during
+    the work where a worker does not see a file that this machine sees; E_CLUSTER where the scheduler goes away.
     """
     check_address(address)
     distributed = _distributed()
     for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
         logging.getLogger(name).setLevel(logging.CRITICAL)  # what it has to say ends in our own lines
+    with _connected(distributed, address, tell) as client:
+        yield lambda jobs: _run(distributed, client, jobs)
+
+
+def _run(distributed: Any, client: Any, jobs: Iterable[Job]) -> Generator[Outcome]:
     waiting = iter(jobs)
-    with contextlib.ExitStack() as stack:
-        client = stack.enter_context(_connected(distributed, address))
-        ended = distributed.as_completed(loop=client.loop)
-        at: dict[str, Job] = {}
+    ended = distributed.as_completed(loop=client.loop)
+    at: dict[str, Job] = {}
 
-        def submit() -> None:
-            job = next(waiting, None)
-            if job is not None:
-                key = f"replay-{uuid.uuid4().hex}"
-                future = client.submit(_do, job, key=key, pure=False)
-                at[key] = job
-                ended.add(future)
+    def submit() -> None:
+        job = next(waiting, None)
+        if job is not None:
+            job = job.anywhere()
+            key = f"replay-{uuid.uuid4().hex}"
+            seen = [place for place in (job.folder, job.place) if place and os.path.exists(place)]  # noqa: PTH110
+            future = client.submit(_do, job, seen, key=key, pure=False)
+            at[key] = job
+            ended.add(future)
 
-        for _ in range(OUTSTANDING * max(1, sum(client.nthreads().values()))):
-            submit()
-        while at:
-            future = next(ended)
-            outcome = _outcome(future, at.pop(future.key))
-            future.release()
-            del future
-            submit()
-            yield outcome
+    for _ in range(OUTSTANDING * max(1, sum(client.nthreads().values()))):
+        submit()
+    while at:
+        future = next(ended)
+        outcome = _outcome(future, at.pop(future.key))
+        future.release()
+        del future
+        submit()
+        yield outcome
 
 
 def _outcome(future: Any, job: Job) -> Outcome:
     error = future.exception()  # waits where the worker died after it told of the end: Dask has the log done again
     if future.status == "cancelled":
         raise ReplayError(CLUSTER_ERROR, "the scheduler has gone; what was finished is kept, --resume does the rest")
+    if error is None and (unseen := future.result()["unseen"]):
+        needed = "expected logs and --out on storage that all workers see, under the same path"
+        raise ReplayError(SCHEDULER_ERROR, f"{unseen}: this machine sees it and a worker does not; {needed}")
     if error is None:
-        return Outcome(name=job.log.name, state=future.result())
+        return Outcome(name=job.log.name, state=future.result()["state"])
     if type(error).__name__ == "KilledWorker":
         return publish_error(job, "E_CRASHED", "the workers that had this log have died, several in a row")
     words = " ".join(str(error).split())
     raise ReplayError(CLUSTER_ERROR, f"{job.log.name}: a worker failed: {type(error).__name__}: {words}")
 
 
-def _connected(distributed: Any, address: str) -> Any:
+def _connected(distributed: Any, address: str, tell: Callable[[str], None]) -> Any:
     """A client, once there is a worker."""
     security = _security(distributed, address) if address.startswith("tls:") else None
     try:
-        client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False, security=security)
+        with _told_after(_PATIENCE_S, tell, f"connecting to {address}, for at most {_CONNECT_S} s"):
+            client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False, security=security)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         words = " ".join(str(error).split())
         raise ReplayError(SCHEDULER_ERROR, f"--scheduler {address}: no connection: {words}") from error
     try:
-        client.wait_for_workers(1, timeout=_WORKERS_S)
+        with _told_after(_WORKER_PATIENCE_S, tell, f"no worker has joined {address} yet, waiting {_WORKERS_S} s"):
+            client.wait_for_workers(1, timeout=_WORKERS_S)
     except TimeoutError as error:
         client.close()
         raise ReplayError(SCHEDULER_ERROR, f"--scheduler {address}: no worker came in {_WORKERS_S} s") from error
     return client
+
+
+@contextlib.contextmanager
+def _told_after(seconds: float, tell: Callable[[str], None], line: str) -> Iterator[None]:
+    """Tell a line if the block takes longer."""
+    timer = threading.Timer(seconds, tell, (line,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def _security(distributed: Any, address: str) -> Any:
@@ -156,11 +190,15 @@ def _distributed() -> Any:
 _here = threading.local()
 
 
-def _do(job: Job) -> str:
+def _do(job: Job, seen: Sequence[str]) -> dict[str, str]:
     """Do a job in the process that this thread of the worker keeps for it; what became of the log.
 
-    Another run gets another process, since the program may have changed in the meantime.
+    Nothing is done where a place that the client has `seen` cannot be seen from here. Another run gets another process,
+    since the program may have changed in the meantime.
     """
+    unseen = next((place for place in seen if not os.path.exists(place)), "")  # noqa: PTH110
+    if unseen:
+        return {"unseen": unseen, "state": ""}
     slot = getattr(_here, "slot", None)
     if slot is None:
         slot = _here.slot = Slot()
@@ -168,4 +206,4 @@ def _do(job: Job) -> str:
     elif _here.folder != job.folder:
         slot.end()
     _here.folder = job.folder
-    return slot.run(job).state
+    return {"unseen": "", "state": slot.run(job).state}

@@ -1,17 +1,15 @@
 """A log's results against the baseline's, its declared expectation and the known issues; each finding a plain entry."""
 
 import glob
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from replay.regress.corpus import Known
 from replay.regress.gate import Metric, Value, metrics_of
-from replay.regress.reports.model import FAILING
+from replay.regress.reports.model import CRASHES, FAILING
 from replay.regress.reports.numbers import count
 
 Entry = dict[str, Any]
-CRASHES = ("E_CRASHED", "E_HUNG", "E_INTERNAL", "E_MEMORY")
-"""Codes of logs on which the program itself, not the log, was at fault."""
 
 
 def compare_log(
@@ -20,11 +18,12 @@ def compare_log(
     known: Sequence[Known] = (),
     *,
     whole: bool = True,
+    without: Collection[str] = (),
 ) -> list[Entry]:
     """What a log's document says against the baseline's entry of it (`baseline_entry`), entries of verdicts.json.
 
     `whole`: all methods were run, so that one of the baseline that is not there is missing, and the declared
-    expectation can be judged.
+    expectation can be judged. `without`: metrics that are not compared.
     """
     before = before or {}
     if document.get("error") is not None:
@@ -35,7 +34,7 @@ def compare_log(
         else:
             found = _results(document, before, whole)
         found += _expectation(document, before) if whole else []
-    return [_excused(entry, known) for entry in found]
+    return [_excused(entry, known) for entry in found if not entry["method"] or entry["key"] not in without]
 
 
 def is_other_log(document: Mapping[str, Any], before: Mapping[str, Any]) -> bool:

@@ -16,9 +16,12 @@ from replay.files import atomic_write
 from replay.regress.baseline import Baseline, read_baseline
 from replay.regress.compare import Entry, compare_log, gone, missing_log
 from replay.regress.corpus import Known
+from replay.regress.differing import other_options, uncompared
 from replay.regress.reports import make_report
 from replay.regress.reports.facts import acceptable, is_declared, state
 from replay.regress.reports.groups import failing_lines, groups
+from replay.regress.reports.model import LogError, RunData
+from replay.regress.reports.numbers import count
 from replay.regress.reports.reading import VERDICTS_SCHEMA
 from replay.regress.store import Store, file_stem
 from replay.results import plain
@@ -26,6 +29,7 @@ from replay.strict_json import parse_json
 
 FINISH_ERROR = "E_REPORT"
 _MOST_LINES = 20
+_MOST_TWICE = 5
 
 
 def finish(folder: pathlib.Path, history: pathlib.Path, commands: Mapping[str, str]) -> dict[str, Any]:
@@ -49,6 +53,7 @@ def judge(folder: pathlib.Path) -> list[Entry]:
     head = store.head()
     known = [Known(**issue) for issue in head.get("known") or ()]
     baseline = read_baseline(head["baseline"]) if head.get("baseline") else Baseline()
+    without = uncompared(baseline, head["options"]) if head.get("options") else ()
     entries: list[Entry] = []
     names = []
     absent = {} if head.get("partial") else _absent(baseline, head.get("logs") or ())
@@ -57,7 +62,7 @@ def judge(folder: pathlib.Path) -> list[Entry]:
         names.append(name)
         whole = not head.get("partial_methods")
         before = absent.pop(document.get("sha256"), None) if name not in baseline.logs else None
-        entries += compare_log(document, baseline.logs.get(before or name), known, whole=whole)
+        entries += compare_log(document, baseline.logs.get(before or name), known, whole=whole, without=without)
         if before is not None:
             entries.append(missing_log(before, known, now=name))
             names.append(before)
@@ -82,7 +87,7 @@ def conclude(folder: pathlib.Path, history: pathlib.Path, commands: Mapping[str,
     head = store.head()
     done = store.done()
     planned = [file_stem(name) + ".json" for name in head.get("logs") or ()]
-    about = {"complete": done.issuperset(planned), "commands": dict(commands)}
+    about = {"complete": done.issuperset(planned), "commands": dict(commands), "other_options": _other_options(head)}
     store.write_head(_without_schema(head) | about)
     judge(folder)
     report = make_report(folder, history)
@@ -96,15 +101,38 @@ def conclude(folder: pathlib.Path, history: pathlib.Path, commands: Mapping[str,
         "failing_more": more,
         "known": [group.sentence for group in told if group.verdict == "known"][:_MOST_LINES],
         "passing": _few([change.note for change in run.changes if change.key == "known issue"]),
-        "unread": _few([f"{error.log}: {error.error}" for error in run.errors if not error.expected]),
+        "unread": _few([_unread(error) for error in run.errors if not error.expected]),
+        "unwritten": _unwritten(run),
+        "twice": _twice(run),
         "damaged": _few(run.damaged),
         "against_corpus": list(
             dict.fromkeys(change.note for change in run.failing if is_declared(change) and change.note)
         ),
         "acceptable": acceptable(run),
-        "other_options": _has_other_options(head),
+        "other_options": run.other_options,
         "files": [str(path) for path in report.files],
     }
+
+
+def _unread(error: LogError) -> str:
+    return f"{error.log}: {error.error}" + (f"; {error.cure}" if error.cure else "")
+
+
+def _unwritten(run: RunData) -> str:
+    """How many recordings could not be written, and why the first could not."""
+    reasons = {row.case: row.recording_error for row in run.rows if row.recording_error}
+    first = next(iter(reasons.values()), "")
+    return f"{count(len(reasons), 'recording')} could not be written: {first}" if reasons else ""
+
+
+def _twice(run: RunData) -> str:
+    """Which logs have the same content."""
+    names: dict[str, dict[str, None]] = {}
+    for row in run.rows:
+        names.setdefault(row.sha256, {})[row.log] = None
+    same = [" = ".join(logs) for sha256, logs in names.items() if sha256 and len(logs) > 1]
+    more = f", and {len(same) - _MOST_TWICE} more" if len(same) > _MOST_TWICE else ""
+    return f"logs with the same content: {', '.join(same[:_MOST_TWICE])}{more}" if same else ""
 
 
 def _few(lines: Sequence[str]) -> list[str]:
@@ -113,11 +141,12 @@ def _few(lines: Sequence[str]) -> list[str]:
     return [*lines[:_MOST_LINES], *([f"and {more} more, in the report"] if more > 0 else [])]
 
 
-def _has_other_options(head: Mapping[str, Any]) -> bool:
-    """Whether the baseline was made with other options than a whole run."""
-    if not head.get("baseline") or head.get("partial_methods"):
-        return False
-    return read_baseline(head["baseline"]).options != head.get("options_fingerprint")
+def _other_options(head: Mapping[str, Any]) -> str:
+    if not head.get("baseline") or not head.get("options"):
+        return ""
+    baseline = read_baseline(head["baseline"])
+    fingerprint = "" if head.get("partial_methods") else str(head.get("options_fingerprint") or "")
+    return other_options(baseline, head["options"], fingerprint)
 
 
 def _without_schema(head: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from replay.errors import ReplayError
 from replay.files import WRITE_ERROR, reserved
 from replay.regress.baseline import Baseline, read_baseline
 from replay.regress.corpus import Known, Log
+from replay.regress.differing import uncompared
 from replay.regress.reports.history import SUMMARY
 from replay.regress.reports.reading import LARGEST_LOG
 from replay.regress.settings import Settings, about_program, fingerprint, revision
@@ -171,6 +172,7 @@ def _baseline(store: Store) -> Baseline:
 
 def _jobs(plan: Plan, store: Store, logs: Iterable[Log], baseline: Baseline) -> Iterator[Job]:
     folder = os.fspath(store.folder.absolute())
+    without = tuple(uncompared(baseline, plan.settings.plain()))
     for log in logs:
         yield Job(
             log=log,
@@ -179,4 +181,5 @@ def _jobs(plan: Plan, store: Store, logs: Iterable[Log], baseline: Baseline) -> 
             whole=not plan.partial_methods,
             before=baseline.logs.get(log.name),
             known=tuple(issue for issue in plan.known if issue.concerns(log.name)),
+            without=without,
         )

@@ -25,12 +25,15 @@ from replay.errors import ReplayError
 AGAINST_ERROR = "E_AGAINST"
 ALARM = 1.02
 """Ratio new over old above which the interval must lie [-]."""
+LEAST_PAIRS = 3
+"""Logs below which there is no interval, and no alarm."""
 ROUNDS = 3
 """A B B A so often at most: six runs of each version."""
 ENOUGH_S = 6.0
 """Time after which a pair of log and method gets no further round [s]; it gets one at least."""
 MOST_S = 600.0
 """Time for one run, compiling included [s]."""
+_SOURCES = pathlib.Path(__file__).resolve().parents[2]
 _SAMPLES, _SEED = 4000, 0
 
 
@@ -44,18 +47,30 @@ class Side:
     """Folder of its sources; empty where they are installed."""
 
 
+def check_version(name: str) -> None:
+    """ReplayError (E_AGAINST) for what is neither an installed environment nor a git revision."""
+    if _python(name) is None:
+        _git(_SOURCES, name, "rev-parse", "--verify", "--end-of-options", f"{name}^{{commit}}")
+
+
+def _python(name: str) -> pathlib.Path | None:
+    """Of an environment, by its folder or by itself."""
+    place = pathlib.Path(name)
+    pythons = (place / "bin" / "python", place)
+    return next((python for python in pythons if python.is_file() and os.access(python, os.X_OK)), None)
+
+
 @contextlib.contextmanager
 def version(name: str) -> Iterator[Side]:
     """An installed environment (its folder, or its Python), or a git revision, checked out for the time being.
 
     Raises ReplayError (E_AGAINST) where it is neither.
     """
-    place = pathlib.Path(name)
-    for python in (place / "bin" / "python", place):
-        if python.is_file() and os.access(python, os.X_OK):
-            yield Side(name=name, python=str(python.absolute()), path="")
-            return
-    sources = pathlib.Path(__file__).resolve().parents[2]
+    python = _python(name)
+    if python is not None:
+        yield Side(name=name, python=str(python.absolute()), path="")
+        return
+    sources = _SOURCES
     with tempfile.TemporaryDirectory(prefix="replay-against-") as folder:
         tree = str(pathlib.Path(folder) / "tree")
         _git(sources, name, "worktree", "add", "--detach", "--quiet", tree, f"{name}^{{commit}}")
@@ -165,22 +180,25 @@ class Comparison:
     """New over old: the geometric mean and its 95 % interval."""
 
     ratio: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
+    """None below `LEAST_PAIRS` logs, where resampling says nothing of the spread."""
     pairs: int
 
     @property
     def alarm(self) -> bool:
         """Whether the new version is slower for certain."""
-        return self.low > ALARM
+        return self.low is not None and self.low > ALARM
 
 
 def compared(ratios: Iterable[float]) -> Comparison:
     """The geometric mean of ratios and its interval by bootstrap, always the same for the same ratios."""
     logarithms = np.log(np.array(list(ratios)))
+    mean = float(np.exp(logarithms.mean()))
+    if len(logarithms) < LEAST_PAIRS:
+        return Comparison(ratio=mean, low=None, high=None, pairs=len(logarithms))
     drawn = np.random.default_rng(_SEED).integers(0, len(logarithms), (_SAMPLES, len(logarithms)))
     low, high = np.quantile(logarithms[drawn].mean(axis=1), (0.025, 0.975))
-    mean = float(np.exp(logarithms.mean()))
     return Comparison(ratio=mean, low=float(np.exp(low)), high=float(np.exp(high)), pairs=len(logarithms))
 
 

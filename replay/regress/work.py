@@ -4,7 +4,7 @@ import dataclasses
 import hashlib
 import os
 import pathlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +36,20 @@ class Job:
     before: Mapping[str, Any] | None = None
     """The baseline's entry, where there is one."""
     known: tuple[Known, ...] = ()
+    without: tuple[str, ...] = ()
+    """Metrics that are not compared."""
+    place: str = ""
+    """Where the log is, if `log.path` is relative to another working directory."""
+
+    @property
+    def file(self) -> str:
+        """Where the log is; on a cluster, the same from every working directory."""
+        return self.place or self.log.path
+
+    def anywhere(self) -> "Job":
+        """The same job for processes of another working directory."""
+        is_file = not self.log.path.startswith(STORES)
+        return dataclasses.replace(self, place=os.path.abspath(self.log.path)) if is_file else self  # noqa: PTH100
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +76,7 @@ def work(job: Job, solve: SolveEach, tell: Tell) -> Outcome:
     except Exception as error:  # a border: a defect of ours, which must not cost the other logs
         words = " ".join(str(error).split())
         return publish_error(job, "E_INTERNAL", f"internal error, {type(error).__name__}: {words}")
-    entries = compare_log(document, job.before, job.known, whole=job.whole)
+    entries = compare_log(document, job.before, job.known, whole=job.whole, without=job.without)
     for case, run in zip(document["cases"], runs, strict=True):
         if _wants_recording(job, case["case"], entries):
             tell(f"recording {case['case']}")
@@ -74,11 +88,9 @@ def publish_error(job: Job, code: str, message: str) -> Outcome:
     """Publish that a log could not be worked on."""
     document = _outline(job) | {"error": {"code": code, "message": message}, "cases": []}
     entries = compare_log(document, job.before, job.known, whole=job.whole)
-    return _published(job, document, worst(entries) if worst(entries) != "same" else _read_state(document))
-
-
-def _read_state(document: Mapping[str, Any]) -> str:
-    return "same" if document["error"]["code"] == document["expect"] else "unread"
+    known = code == job.log.expect or any(entry["verdict"] in ("same", "known") for entry in entries)
+    state = worst(entries)
+    return _published(job, document, "unread" if state == "same" and not known else state)
 
 
 def _published(job: Job, document: Mapping[str, Any], state: str) -> Outcome:
@@ -89,11 +101,12 @@ def _published(job: Job, document: Mapping[str, Any], state: str) -> Outcome:
 def _worked(job: Job, solve: SolveEach, tell: Tell) -> tuple[dict[str, Any], list[Run]]:
     tell("reading")
     runs = []
-    for number, case in enumerate(read_cases(local_file(job.log.path), job.settings.read)):
+    for number, case in enumerate(read_cases(local_file(job.file), job.settings.read)):
         named = dataclasses.replace(
             case,
             name=f"{job.log.name}/{number}",
             log=pathlib.Path(job.log.path),
+            read=dataclasses.replace(case.read, notes=_as_named(job, case.read.notes)),
             problem=dataclasses.replace(case.problem, weights=job.settings.weights),
         )
         tell(f"measuring {named.name}")
@@ -110,13 +123,18 @@ def _worked(job: Job, solve: SolveEach, tell: Tell) -> tuple[dict[str, Any], lis
     return document | {"sha256": runs[0].case.sha256 if runs else None}, runs
 
 
+def _as_named(job: Job, notes: Iterable[str]) -> tuple[str, ...]:
+    """Notes on a log with the path that the corpus gives it."""
+    return tuple(note.replace(job.file, job.log.path) for note in notes)
+
+
 def _outline(job: Job) -> dict[str, Any]:
     log = job.log
     return {
         "schema": LOG_SCHEMA,
         "log": log.name,
         "path": log.path,
-        "sha256": digest(log.path),
+        "sha256": digest(job.file),
         "class": log.kind,
         "tags": list(log.tags),
         "expect": log.expect,

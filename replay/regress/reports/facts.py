@@ -107,7 +107,7 @@ def ranked(changes: Iterable[Change]) -> list[Change]:
 
 def state(run: RunData) -> str:
     """failed, passed, unfinished (and nothing failed so far), unjudged (without a baseline) or empty."""
-    if run.failing:
+    if run.failing or run.slower:
         return "failed"
     if not run.complete:
         return "unfinished"
@@ -141,9 +141,11 @@ def _regression(run: RunData) -> str:
     results = {v: {(c.log, c.case, c.method) for c in failing if c.verdict == v} for v in VERDICTS if v in FAILING}
     nouns = {"changed": "log"}
     parts = [f"{count(len(found), nouns.get(v, 'result'))} {v}" for v, found in results.items() if found]
-    affected = {change.log for change in failing}
-    in_all = count(len(affected.union(run.logs)), "log")  # missing logs too
-    return f"Regression: {', '.join(parts)}; {len(affected)} of {in_all} affected"
+    logs = {change.log for change in failing}
+    in_all = count(len(logs.union(run.logs)), "log")  # missing logs too
+    affected = [f"{len(logs)} of {in_all} affected"] if failing else []
+    slower = [f"slower than {run.against}: {', '.join(run.slower)}"] if run.slower else []
+    return "Regression: " + "; ".join([*([", ".join(parts)] if parts else []), *affected, *slower])
 
 
 def logs_in_all(run: RunData) -> str:

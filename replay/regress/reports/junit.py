@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 
 from replay.errors import printable
 from replay.regress.reports.facts import class_of_logs, is_failing, ranked, sentence
-from replay.regress.reports.model import Change, LogError, Row, RunData
-from replay.regress.reports.numbers import percent, shown
+from replay.regress.reports.model import Change, LogError, Row, RunData, Timed
+from replay.regress.reports.numbers import count, fixed, percent, shown
 
 Key = tuple[str, str, str]
 
@@ -28,6 +28,8 @@ def junit(run: RunData) -> bytes:
     for (log, case, method), changes in by_key.items():  # compared, but not in the run
         test = _test(method or "logs", case or log, kinds.get(log, ""), None, changes)
         suites.setdefault(method or "logs", []).append(test)
+    if run.timing:
+        suites["timing"] = [_timed(each, run.against) for each in run.timing]
     root = ET.Element("testsuites", {"name": f"replay regress {run.name}"})
     for name, tests in suites.items():
         root.append(_suite(name, tests, run))
@@ -49,6 +51,8 @@ def _suite(name: str, tests: Sequence[ET.Element], run: RunData) -> ET.Element:
         suite.set("timestamp", run.created)
     properties = ET.SubElement(suite, "properties")
     about = {"revision": run.revision, "corpus": run.corpus, "partial": run.partial}
+    if run.other_options:
+        about["other options"] = run.other_options
     about["complete"] = "yes" if run.complete else "no"
     for key, value in about.items():
         ET.SubElement(properties, "property", {"name": key, "value": value})
@@ -76,10 +80,21 @@ def _test(
         outcome.text = "\n".join(explained(change) for change in failing)
         if row is not None and row.recording:
             outcome.text += f"\nrecording: {row.recording}"
+        if row is not None and row.recording_error:
+            outcome.text += f"\nrecording: could not be written: {row.recording_error}"
         if row is not None and row.reason:
             outcome.text += f"\n{row.status} ({row.stop}): {row.reason}"
     elif known:
         ET.SubElement(test, "skipped", {"message": f"known issue: {known[0].note or sentence(known[0])}"})
+    return test
+
+
+def _timed(timed: Timed, against: str) -> ET.Element:
+    test = ET.Element("testcase", {"classname": "timing", "name": f"timing {timed.method}", "time": _seconds(0.0)})
+    if timed.slower:
+        line = f"{timed.method} is slower than {against}: {fixed(timed.ratio, 3)} times"
+        line += f", 95 % interval {fixed(timed.low, 3)} to {fixed(timed.high, 3)}, {count(timed.logs, 'log')}"
+        ET.SubElement(test, "failure", {"message": line, "type": "slower"}).text = line
     return test
 
 

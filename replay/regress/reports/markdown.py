@@ -22,12 +22,19 @@ def markdown(run: RunData) -> str:
         parts.append("**Unfinished:** this is what there is so far.")
     if run.partial:
         parts.append(f"**Only a part of the corpus:** {escaped(run.partial)}.")
+    if run.other_options:
+        parts.append(f"**Other options:** {escaped(run.other_options)}.")
     if run.damaged:
         parts.append(f"**{count(len(run.damaged), 'file')} of the run cannot be read** and are left out.")
     unexpected = [error for error in run.errors if not error.expected]
     if unexpected:
         names = ", ".join(escaped(error.log) for error in unexpected[:MOST_LINES])
         parts.append(f"{count(len(unexpected), 'log')} could not be used: {names}")
+        parts += [escaped(error.cure) for error in unexpected[:MOST_LINES] if error.cure]
+    unwritten = {row.case: row.recording_error for row in run.rows if row.recording_error}
+    if unwritten:
+        reason = escaped(next(iter(unwritten.values())))
+        parts.append(f"**{count(len(unwritten), 'recording')} could not be written:** {reason}")
     changed = groups(run) if run.compared else []  # else all is new, which the headline says
     others = [group.sentence for group in changed if group.verdict == "changed"]
     parts += [f"**{escaped(line)}**" for line in others[:MOST_LINES]]
@@ -37,6 +44,8 @@ def markdown(run: RunData) -> str:
         parts.append(f"{len(changed) - MOST_LINES} more lines are in `report.html`.")
     if run.rows:
         parts.append(_methods(run))
+    if run.timing:
+        parts.append(_timing(run))
     if run.accept and acceptable(run):
         parts.append(f"If this is meant: `{run.accept.replace('`', '')}`")
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -65,6 +74,16 @@ def _methods(run: RunData) -> str:
         rows.append(row)
     header = ["method", "improved", "failed", "J / recorded J", "median time [s]"]
     return _table(header, rows, right=header[1:])
+
+
+def _timing(run: RunData) -> str:
+    rows = []
+    for each in run.timing:
+        interval = "too few logs" if each.low is None else f"{fixed(each.low, 3)} to {fixed(each.high, 3)}"
+        verdict = "✗ slower" if each.slower else ""
+        rows.append([escaped(each.method), fixed(each.ratio, 3), interval, str(each.logs), verdict])
+    header = [f"times against {escaped(run.against)}", "new / old", "95 % interval", "logs", ""]
+    return _table(header, rows, right=("new / old", "95 % interval", "logs"))
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[str]) -> str:

@@ -10,6 +10,9 @@ are not compared."""
 FAILING: Final = frozenset({"crashed", "missing", "changed", "worse"})
 """Verdicts with which a run fails."""
 
+CRASHES: Final = ("E_CRASHED", "E_HUNG", "E_INTERNAL", "E_MEMORY")
+"""Codes of logs on which the program itself, not the log, was at fault."""
+
 Numbers = Mapping[str, float]
 
 
@@ -42,6 +45,8 @@ class Row:
     wall_s: float | None
     recording: str | None
     """Path of the recording within the run's folder, where there is one."""
+    recording_error: str
+    """Why it could not be written; empty where it could, or was not wanted."""
     traceback: tuple[str, ...] = ()
     """Lines, where an exception ended the method."""
 
@@ -54,7 +59,9 @@ class LogError:
     kind: str
     error: str
     expected: bool
-    """Whether the corpus says that this log cannot be used."""
+    """Whether the corpus says that this log cannot be used, or it is as in the baseline, or a known issue."""
+    cure: str
+    """How the corpus would say so; empty where that is no cure."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +98,21 @@ class Change:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Timed:
+    """The times of one method, or of "all", over those of another version on the same logs."""
+
+    method: str
+    ratio: float
+    """Geometric mean of new over old [-]."""
+    low: float | None
+    high: float | None
+    """95 % interval; None where there are too few logs for one."""
+    logs: int
+    slower: bool
+    """Whether this version is slower for certain."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunData:
     """One run of a regression, as its folder says."""
 
@@ -107,6 +129,8 @@ class RunData:
     """Whether every log was worked on."""
     partial: str
     """What the run was restricted to, in words; empty for the whole corpus."""
+    other_options: str
+    """With which other options the baseline was made, in words; empty where with the same."""
     planned: int | None
     """Number of logs that were to be worked on, where it is known."""
     rows: tuple[Row, ...]
@@ -115,6 +139,9 @@ class RunData:
     """Every comparison, those that say "same" too."""
     compared: bool
     """Whether the run has been compared with a baseline."""
+    against: str
+    """The version that this one was timed against; empty without."""
+    timing: tuple[Timed, ...]
     damaged: tuple[str, ...]
     """Files of the run that cannot be read, one line each."""
     accept: str = ""
@@ -126,6 +153,11 @@ class RunData:
     def logs(self) -> list[str]:
         """Names of the logs that were worked on, those in vain too."""
         return sorted({row.log for row in self.rows} | {error.log for error in self.errors})
+
+    @property
+    def slower(self) -> list[str]:
+        """The methods that are slower for certain than in the other version; "all" is one."""
+        return [each.method for each in self.timing if each.slower]
 
     @property
     def failing(self) -> list[Change]:

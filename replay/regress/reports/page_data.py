@@ -23,6 +23,8 @@ class ChangeLine:
     """Class of the log."""
     href: str | None
     """Of the case's recording, where there is one."""
+    unwritten: str
+    """Why it could not be written."""
     difference: str
     sort: float | None
     """By what the column of differences is sorted."""
@@ -60,6 +62,7 @@ def change_lines(run: RunData) -> list[ChangeLine]:
     rows = {(row.log, row.case, row.method): row for row in run.rows}
     kinds = class_of_logs(run)
     hrefs = {row.case: href(row.recording) for row in run.rows if row.recording}
+    unwritten = {row.case: row.recording_error for row in run.rows}
     lines = []
     for change in told(run):
         row = rows.get((change.log, change.case, change.method))
@@ -71,7 +74,12 @@ def change_lines(run: RunData) -> list[ChangeLine]:
         sort = relative if relative is not None else difference
         kind = kinds.get(change.log, "")
         trace = "\n".join(row.traceback) if row and change.verdict == "crashed" else ""
-        lines.append(ChangeLine(change=change, kind=kind, href=place, difference=text, sort=sort, traceback=trace))
+        lost = unwritten.get(change.case, "")
+        lines.append(
+            ChangeLine(
+                change=change, kind=kind, href=place, unwritten=lost, difference=text, sort=sort, traceback=trace
+            )
+        )
     return lines
 
 

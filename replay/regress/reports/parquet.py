@@ -68,7 +68,7 @@ def table(run: RunData) -> pa.Table:
 def _absent(run: RunData) -> list[Row]:
     """Rows of what the run has no result of."""
     empty = {"sha256": "", "stop": "", "recorded": {}, "metrics": {}, "recorded_passed": None, "passed": None}
-    empty |= {"audit": {}, "work": {}, "wall_s": None, "recording": None, "tags": ()}
+    empty |= {"audit": {}, "work": {}, "wall_s": None, "recording": None, "recording_error": "", "tags": ()}
     kinds = class_of_logs(run)
     unread = [
         Row(log=e.log, case="", kind=e.kind, method="", status="unread", reason=e.error, **empty) for e in run.errors

@@ -1,18 +1,22 @@
 """Reads the folder of a run. What is damaged is left out and named, never guessed."""
 
+import dataclasses
+import json
 import os
 import pathlib
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from replay.errors import ReplayError, printable
 from replay.regress.reports import fields
 from replay.regress.reports.fields import Malformed
-from replay.regress.reports.model import VERDICTS, Change, LogError, Row, RunData
+from replay.regress.reports.model import CRASHES, VERDICTS, Change, LogError, Row, RunData, Timed
 from replay.strict_json import JsonError, read_json
 
 RUN_ERROR = "E_RUN"
 RUN_SCHEMA, LOG_SCHEMA, VERDICTS_SCHEMA = "replay.run/1", "replay.run.log/1", "replay.verdicts/1"
+TIMING, TIMING_SCHEMA = "timing.json", "replay.timing/1"
 LARGEST_LOG = 64 * 2**20
 LARGEST_VERDICTS = 512 * 2**20
 """Largest files that are read [bytes]."""
@@ -33,15 +37,21 @@ def read_run(folder: pathlib.Path) -> RunData:
     verdicts = folder / "verdicts.json"
     if verdicts.exists():
         changes = _tolerant(verdicts, VERDICTS_SCHEMA, LARGEST_VERDICTS, damaged, _changes)
+    timing: tuple[str, tuple[Timed, ...]] | None = None
+    if (folder / TIMING).exists():
+        timing = _tolerant(folder / TIMING, TIMING_SCHEMA, LARGEST_VERDICTS, damaged, _timing)
+    of_logs = [change for change in changes or () if not change.method]
     methods = dict.fromkeys((*about.pop("methods"), *(row.method for row in rows)))
     return RunData(
         **about,
         name=printable(folder.resolve().name),
         methods=tuple(methods),
         rows=tuple(rows),
-        errors=tuple(errors),
+        errors=tuple(_judged(error, of_logs) for error in errors),
         changes=tuple(changes or ()),
         compared=bool(changes) and any(change.verdict != "new" for change in changes),
+        against=timing[0] if timing else "",
+        timing=timing[1] if timing else (),
         damaged=tuple(damaged),
     )
 
@@ -78,6 +88,7 @@ def _about(folder: pathlib.Path) -> dict[str, Any]:
             "methods": fields.words(head, "methods"),
             "complete": bool(head.get("complete")),
             "partial": fields.text(head, "partial", ""),
+            "other_options": fields.text(head, "other_options", "", fields.LONGEST_TEXT),
             "planned": None if num_logs is None else round(num_logs),
             "accept": fields.text(commands, "accept", "", fields.LONGEST_COMMAND),
             "view": fields.text(commands, "view", "", fields.LONGEST_COMMAND),
@@ -113,8 +124,25 @@ def _log(folder: pathlib.Path, data: Mapping[str, Any]) -> tuple[list[Row], list
         code = fields.text(error, "code")
         line = f"{fields.text(error, 'message', limit=fields.LONGEST_TEXT)} [{code}]"
         expected = code == fields.text(data, "expect", "")
-        return [], [LogError(log=fields.text(data, "log"), kind=kind, error=line, expected=expected)]
+        cure = "" if expected or code in CRASHES else _cure(fields.text(data, "path", ""), code)
+        return [], [LogError(log=fields.text(data, "log"), kind=kind, error=line, expected=expected, cure=cure)]
     return [row for case in fields.entries(data, "cases") for row in _rows(folder, data, case)], []
+
+
+def _cure(path: str, code: str) -> str:
+    """The line with which the list beside a log says that it is refused."""
+    if not path or "://" in path:
+        return ""
+    file = pathlib.PurePath(path)
+    name = file.stem if re.fullmatch(r"[A-Za-z0-9_-]+", file.stem) else json.dumps(file.stem)
+    return f'expected? in {file.parent / "corpus.toml"}: [logs.{name}] expect = "{code}"'
+
+
+def _judged(error: LogError, changes: Iterable[Change]) -> LogError:
+    """The error with what the comparison knows of it."""
+    verdict = next((c.verdict for c in changes if c.log == error.log and c.key == "error"), "new")
+    expected = error.expected or verdict in ("same", "known")
+    return dataclasses.replace(error, expected=expected, cure=error.cure if verdict == "new" else "")
 
 
 def _rows(folder: pathlib.Path, log: Mapping[str, Any], case: Mapping[str, Any]) -> Iterator[Row]:
@@ -139,6 +167,7 @@ def _rows(folder: pathlib.Path, log: Mapping[str, Any], case: Mapping[str, Any])
             work=fields.numbers(method.get("work")),
             wall_s=fields.number(method, "wall_s"),
             recording=_recording(folder, case.get("recording")),
+            recording_error=fields.text(case, "recording_error", "", fields.LONGEST_TEXT),
             traceback=fields.lines(method, "traceback"),
         )
 
@@ -151,6 +180,20 @@ def _recording(folder: pathlib.Path, name: Any) -> str | None:
     if path.is_absolute() or ".." in path.parts or path.suffix != ".rrd":
         return None
     return path.as_posix() if (folder / path).is_file() else None
+
+
+def _timing(data: Mapping[str, Any]) -> tuple[str, tuple[Timed, ...]]:
+    compared = fields.mapping(data, "compared")
+    found = []
+    for method in compared:
+        entry = fields.mapping(compared, method)
+        figures = {key: fields.number(entry, key) for key in ("low", "high")}
+        ratio, logs = fields.number(entry, "ratio"), fields.number(entry, "pairs")
+        if ratio is None or logs is None:
+            raise Malformed(f"compared.{method[:60]} has no ratio of a number of pairs")
+        slower = bool(fields.flag(entry, "alarm"))
+        found.append(Timed(method=printable(method), ratio=ratio, **figures, logs=round(logs), slower=slower))
+    return fields.text(data, "against"), tuple(found)
 
 
 def _changes(data: Mapping[str, Any]) -> list[Change]:
