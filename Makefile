@@ -1,11 +1,13 @@
-# Everything runs in .venv, which is made by the first target that needs it.
+# Everything runs in .venv, which is made by the first target that needs it; tests and tools add what they need to it.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format bench corpus planners study nightly screenshot clean
+.PHONY: help setup dev demo test check format bench corpus planners study nightly screenshot clean
 .DELETE_ON_ERROR:
 
 ENV := .venv
 BIN := $(ENV)/bin
 MADE := $(ENV)/.made
+DEV := $(ENV)/.dev
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 PYTHON ?=
 
 help:  ## list the targets
@@ -23,9 +25,16 @@ $(MADE): pyproject.toml constraints.txt
 	    echo "python3-venv), or name it: make PYTHON=/path/to/python3" >&2; \
 	    exit 1; \
 	fi; \
-	echo "making $(ENV) with $$python (once; some minutes where packages must be downloaded)"; \
+	echo "making $(ENV) with $$python (once: 1.7 GB, some minutes where packages must be downloaded)"; \
 	"$$python" -m venv --clear $(ENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@$(INSTALL) -e .
+	@touch $@
+
+dev: $(DEV)  ## add what tests and tools need (every other target does this when it is needed)
+
+$(DEV): $(MADE)
+	@echo "adding what tests and tools need to $(ENV) (once: 0.8 GB)"
+	@$(INSTALL) -e '.[dev]'
 	@touch $@
 
 demo: $(MADE)  ## improve a recorded path and write the comparison to out/
@@ -33,20 +42,20 @@ demo: $(MADE)  ## improve a recorded path and write the comparison to out/
 	@echo
 	@echo "Look at it:  $(BIN)/rerun out/bay_01.rrd"
 
-test: $(MADE)  ## run the tests
+test: $(DEV)  ## run the tests
 	$(BIN)/python -m pytest
 
-check: $(MADE)  ## everything that must pass: format, lint, types, tests
+check: $(DEV)  ## everything that must pass: format, lint, types, tests
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/basedpyright
 	$(BIN)/python -m pytest
 
-format: $(MADE)  ## format the code
+format: $(DEV)  ## format the code
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: $(MADE)  ## measure speed and quality
+bench: $(DEV)  ## measure speed and quality
 	$(BIN)/python tools/bench/collision.py
 	$(BIN)/python tools/bench/steering.py
 	$(BIN)/python tools/bench/shortcut.py recordings/*.mcap
@@ -55,20 +64,20 @@ bench: $(MADE)  ## measure speed and quality
 	$(BIN)/python tools/bench/cpo.py recordings/*.mcap
 	$(BIN)/python tools/bench/reading.py
 
-corpus: $(MADE)  ## make the recorded logs in recordings/ again
+corpus: $(DEV)  ## make the recorded logs in recordings/ again
 	$(BIN)/python tools/make_corpus.py
 
-planners: $(MADE)  ## compare the planners that make the logs; writes the table in recordings/README.md
+planners: $(DEV)  ## compare the planners that make the logs; writes the table in recordings/README.md
 	$(BIN)/python tools/compare_planners.py
 
-study: $(MADE)  ## run all methods over the full corpus and write recordings/STUDY.md and STUDY_OBSTACLES.md
+study: $(DEV)  ## run all methods over the full corpus and write recordings/STUDY.md and STUDY_OBSTACLES.md
 	$(BIN)/python tools/study.py
 	$(BIN)/python tools/study.py --part obstacles
 
 nightly: $(MADE)  ## run the regression over all logs in recordings/; keeps the run in runs/
 	$(BIN)/replay regress recordings --jobs 2
 
-screenshot: demo  ## make docs/overview.png from the demo's recording (needs a Vulkan driver)
+screenshot: demo $(DEV)  ## make docs/overview.png from the demo's recording (needs a Vulkan driver)
 	$(BIN)/python tools/screenshot.py out/bay_01.rrd docs --tab Overview --timeline progress --at 600
 
 clean:  ## remove the environment, caches and output

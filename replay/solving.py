@@ -1,6 +1,7 @@
 """Running one method on one problem: timed, limited in time, its failure turned into words."""
 
 import math
+import pathlib
 import time
 import traceback
 from collections.abc import Callable, Generator, Mapping
@@ -104,10 +105,17 @@ def solve(
         except Exception as caught:  # a border: whatever a method does wrong is its own failure, and recorded
             message = " ".join(str(caught).split())
             error = f"{type(caught).__name__}: {message}" if message else type(caught).__name__
+            error += f" ({_place(caught)})"
             trace = traceback.format_exc()
     return Solved(
         result=result, out_of_time=late, error=error, traceback=trace, wall_s=spent(), compile_s=compiling.total
     )
+
+
+def _place(error: BaseException) -> str:
+    """File, with the folder that it is in, and line where an exception was raised."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{'/'.join(pathlib.PurePath(last.filename).parts[-2:])}:{last.lineno}"
 
 
 def solve_in_turn(

@@ -56,7 +56,7 @@ def run(plan: Plan, runs: pathlib.Path, execute: Execute) -> tuple[Store, dict[s
     """A whole run; its files, and what is said of it. The reports are made in this process, which spares a start."""
     store = start(plan, runs)
     carry_out(plan, store, execute, lambda *_: None)
-    return store, conclude(store.folder, runs, "ACCEPT")
+    return store, conclude(store.folder, runs, {})
 
 
 def command(*arguments: str, **more: Any) -> subprocess.CompletedProcess[str]:

@@ -7,6 +7,10 @@ from typing import Any
 
 METHODS = ("shortcut", "cpo", "ddp", "scp", "nlp")
 GAIN = {"shortcut": 0.72, "cpo": 0.93, "ddp": 0.66, "scp": 0.661, "nlp": 0.67}
+COMMANDS = {
+    "accept": ".venv/bin/replay regress accept runs/RUN --baseline baseline.json",
+    "view": ".venv/bin/replay view runs/RUN",
+}
 CLASSES = ("open", "narrow", "cusps", "reverse")
 
 
@@ -104,6 +108,7 @@ def write_run(
     folder: pathlib.Path,
     logs: Sequence[Mapping[str, Any]],
     verdicts: Sequence[Mapping[str, Any]] | None = None,
+    planned: Sequence[str] = (),
     **head: Any,
 ) -> pathlib.Path:
     """Write a run's folder; `head` overrides fields of run.json."""
@@ -120,6 +125,8 @@ def write_run(
         "options": {"seed": 0, "time_limit_s": 60.0},
         "complete": True,
         "partial": "",
+        "commands": COMMANDS,
+        "logs": list(planned),
     }
     (folder / "run.json").write_text(json.dumps(about | head))
     for i, entry in enumerate(logs):

@@ -3,8 +3,10 @@
 import os
 import pathlib
 import shlex
+import shutil
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 
@@ -125,9 +127,8 @@ def test_a_failing_run_ends_with_the_command_that_accepts_and_accepting_makes_it
     accept = done.stderr.strip().splitlines()[-1].partition("replay regress accept ")[2]
     accepted = help.command("regress", "accept", accept)
     assert accepted.returncode == 0
-    (new,) = (line for line in accepted.stdout.splitlines() if line.startswith("new: bay_01/0 ddp: "))
-    assert "status improved" in new
-    assert ", objective " in new
+    assert "new: 1 result, in 9 figures of 1 log\n" in accepted.stdout
+    assert "1 log; 9 changes, 0 logs out" in accepted.stdout
     assert help.command(*whole).returncode == 0
     changed = help.command(*whole, "--margin", "0.05")
     assert changed.returncode == 1
@@ -136,7 +137,7 @@ def test_a_failing_run_ends_with_the_command_that_accepts_and_accepting_makes_it
     run = last.partition("replay regress accept ")[2]
     assert pathlib.Path(run, "report.html").is_file()
     again = help.command("regress", "accept", run)
-    assert "worse: bay_01/0 ddp: min_clearance" in again.stdout
+    assert any(line.split()[:4] == ["worse", "bay_01/0", "ddp", "min_clearance"] for line in again.stdout.splitlines())
     assert help.command(*whole, "--margin", "0.05").returncode == 0
     before = read_baseline(tmp_path / "corpus" / "baseline.json")
     options = ["--margin", "0.02", "--json", "--set", "weights.cusp=5", "--set=ddp.spacing=0.4"]
@@ -169,6 +170,53 @@ def test_wrong_usage_is_one_line_and_status_2(arguments, words, capsys, monkeypa
     error = capsys.readouterr().err
     assert words in error
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["accept"], "expected RUN, as in `replay regress accept runs/RUN` (see `replay regress accept --help`)"),
+        (["accept", "runs/RUN", "--onyl"], "(see `replay regress accept --help`)"),
+        (["recordings", "--jobs", "0"], "(see `replay regress --help`)"),
+    ],
+)
+def test_wrong_usage_of_a_command_below_a_command_names_that_one(arguments, words, capsys):
+    assert main(["regress", *arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_where_the_files_are_wrong_no_help_is_recommended(tmp_path, capsys):
+    (tmp_path / "corpus.toml").write_text("")
+    assert main(["regress", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert "holds no log" in error
+    assert "--help" not in error
+
+
+def test_what_is_given_to_paste_names_the_program_as_it_was_called(tmp_path):
+    for name in ("bay_01", "bay_02"):
+        shutil.copy(help.RECORDINGS / f"{name}.mcap", tmp_path)
+    script = pathlib.Path(sys.executable).with_name("replay")
+    called = os.path.relpath(script, tmp_path)
+    environment = os.environ | {"PATH": "/usr/bin:/bin"}
+    quick = ["--method", "shortcut", "--shortcut.tries", "3"]
+    toml = 'methods = ["shortcut"]'
+    (tmp_path / "corpus.toml").write_text(toml)
+
+    def call(*words: str) -> subprocess.CompletedProcess[str]:
+        done = [called, *words]
+        return subprocess.run(done, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+
+    done = call("regress", "*_0[12].mcap", *quick[2:])
+    assert done.returncode == 0, done.stderr
+    (run,) = (tmp_path / "runs").iterdir()
+    accept = f"{called} regress accept runs/{run.name} --baseline baseline.json"
+    assert done.stderr.strip().splitlines()[-1].endswith(f": {accept}")
+    page = (run / "report.html").read_text()
+    assert accept in page
+    assert f"{called} view runs/{run.name}" in page
+    assert f"the whole: {called} regress" in call("regress", "bay_01.mcap", *quick).stderr
+    assert f"(see `{called} regress --help`)" in call("regress", "bay_01.mcap", "--jobs", "0").stderr
 
 
 @pytest.mark.parametrize("more", [[], ["--method", "shortcut"], ["--only", "bay_01"]])
@@ -222,7 +270,7 @@ def test_a_run_that_was_broken_off_is_resumed_with_exactly_the_rest(corpus, runs
     assert rest.done() == done
     assert not (store.logs / ".left.tmp").exists()
     assert help.attempts(rest).count("dock_01") == 1
-    assert finish(rest.folder, runs, "")["state"] == "passed"
+    assert finish(rest.folder, runs, {})["state"] == "passed"
     with pytest.raises(ReplayError, match="no unfinished run"):
         resumed(plan, runs)
 

@@ -85,20 +85,20 @@ def test_recordings_that_could_not_be_written_are_told(tmp_path):
     assert "**1 recording could not be written:** the disk is full" in (run / "report.md").read_text()
     assert "could not be written: the disk is full" in (run / "junit.xml").read_text()
     assert "not written" in Page((run / "report.html").read_text()).text
-    assert conclude(run, tmp_path, "")["unwritten"] == "1 recording could not be written: the disk is full"
+    assert conclude(run, tmp_path, {})["unwritten"] == "1 recording could not be written: the disk is full"
 
 
 def test_logs_of_one_content_are_told_once(tmp_path):
     found = [maker.log(name, 1) for name in ("a", "b")] + [maker.log("c", 2)]
     run = maker.write_run(tmp_path / "run", found, maker.unchanged(found))
-    assert conclude(run, tmp_path, "")["twice"] == "logs with the same content: a = b"
+    assert conclude(run, tmp_path, {})["twice"] == "logs with the same content: a = b"
 
 
 def test_markdown_is_short_and_has_the_facts(failed_run):
-    text = markdown(read_run(failed_run), accept="replay regress accept RUN")
+    text = markdown(read_run(failed_run))
     lines = text.splitlines()
     assert lines[0] == "### ✗ Regression: 1 result crashed, 2 results worse; 3 of 8 logs affected"
-    assert "`replay regress accept RUN`" in lines[-1]
+    assert f"`{maker.COMMANDS['accept']}`" in lines[-1]
     assert any(line.startswith("| ▼ worse | scp | objective | narrow | 2 | +0.50 % |") for line in lines)
     assert any(line.startswith("| ✗ crashed | nlp | status | open | 1 |  | open\\_04/0 |") for line in lines)
     assert len(lines) < 40
@@ -233,6 +233,14 @@ def test_the_command_writes_every_report_and_its_status_is_the_runs(call, failed
     assert all((failed_run / name).is_file() for name in FILES)
     assert not [path for path in failed_run.iterdir() if path.name.startswith(".")]
     assert call("report", passed_run)[0] == 0
+
+
+def test_reports_made_again_are_the_same_with_the_command_that_accepts(call, failed_run):
+    make_report(failed_run)
+    before = {name: (failed_run / name).read_bytes() for name in FILES}
+    call("report", failed_run)
+    assert {name: (failed_run / name).read_bytes() for name in FILES} == before
+    assert maker.COMMANDS["accept"] in (failed_run / "report.md").read_text()
 
 
 def test_an_unfinished_run_is_reported_and_called_so(call, tmp_path):

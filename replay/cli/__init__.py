@@ -10,8 +10,9 @@ from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError, MissingArgumentError, UnknownCommandError
 
+from replay.cli.invoked import to_paste
 from replay.cli.signals import like_ctrl_c
-from replay.cli.usage import ExitStatus, example, unknown
+from replay.cli.usage import USAGE_ERROR, ExitStatus, command_of, example, unknown
 from replay.errors import OutputLost, ReplayError
 from replay.kernels import drop_stale
 
@@ -47,16 +48,17 @@ def _run(tokens: list[str]) -> int:
             drop_stale()
         status = make_app()(tokens, exit_on_error=False, print_error=False, result_action="return_value")
     except UnknownCommandError:  # its own text would import every command to name them
-        _explain(unknown("command", tokens[0], COMMANDS), tokens)
-        return ExitStatus.USAGE
-    except MissingArgumentError as error:
-        _explain(_missing(error, tokens), tokens)
+        _explain(unknown("command", tokens[0], COMMANDS), ())
         return ExitStatus.USAGE
     except CycloptsError as error:
-        _explain(str(error), tokens)
+        command = error.command_chain or ()
+        _explain(_missing(error, command) if isinstance(error, MissingArgumentError) else str(error), command)
         return ExitStatus.USAGE
     except ReplayError as error:
-        _explain(error.message, tokens)
+        if error.code == USAGE_ERROR:
+            _explain(error.message, command_of(tokens))
+        else:
+            _say(f"replay: {error.message}")
         return error.exit_status
     except KeyboardInterrupt:
         _say("replay: interrupted")
@@ -113,20 +115,19 @@ def drop_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _missing(error: MissingArgumentError, tokens: list[str]) -> str:
+def _missing(error: MissingArgumentError, command: Sequence[str]) -> str:
     """What is expected where an argument is missing, with an example."""
-    if error.argument is None or not tokens or tokens[0] not in COMMANDS:
+    if error.argument is None or not command:
         return str(error)
     name = error.argument.name
     if name.startswith("-"):
         return f"{name} expects a value"
-    return f"expected {name}, as in `{example(tokens[0])}`"
+    return f"expected {name}, as in `{example(' '.join(command))}`"
 
 
-def _explain(message: str, tokens: list[str]) -> None:
+def _explain(message: str, command: Sequence[str]) -> None:
     """One line about arguments that cannot be used, and where the help is."""
-    command = tokens[:1] if tokens and tokens[0] in COMMANDS else []
-    _say(f"replay: {' '.join(message.split())} (see `{' '.join(['replay', *command, '--help'])}`)")
+    _say(f"replay: {' '.join(message.split())} (see `{to_paste(*command, '--help')}`)")
 
 
 def _say(line: str) -> None:

@@ -9,10 +9,11 @@ from rich import box
 from rich.table import Table
 
 from replay.cli.console import Common, Voice
+from replay.cli.options import UsageError
 from replay.cli.usage import ExitStatus, reflowed
 from replay.compare import QUANTITIES, Comparison, Pair, overlay, to_document
 from replay.compare import compare as compare_files
-from replay.errors import ReplayError, printable
+from replay.errors import printable
 
 _ROWS = {
     "objective": ("J", 1.0, 2),
@@ -47,7 +48,7 @@ def compare(
     """
     voice = Voice(common or Common())
     if out is not None and out.suffix != ".rrd":
-        raise ReplayError("E_USAGE", f"--out {out}: expected the name of a recording, as in --out compared.rrd")
+        raise UsageError(f"--out {out}: expected the name of a recording, as in --out compared.rrd")
     comparison = compare_files(str(a), str(b))
     if out is not None:
         from replay.recording import write_recording  # Rerun takes a second to load

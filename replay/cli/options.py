@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from cyclopts import Group, Parameter, default_name_transform
 from docstring_parser import parse_from_object
 
+from replay.cli.usage import USAGE_ERROR
 from replay.errors import ReplayError
 
 _UNIT = re.compile(r"\[([^\[\]]+)\]")
@@ -25,7 +26,7 @@ class UsageError(ReplayError):
     """Arguments that cannot be used together, or a value out of its range."""
 
     def __init__(self, message: str) -> None:
-        super().__init__("E_USAGE", message)
+        super().__init__(USAGE_ERROR, message)
 
 
 def read_toml(path: pathlib.Path, where: str) -> dict[str, Any]:

@@ -1,19 +1,18 @@
 """`replay regress`: every log of a corpus with every method, compared with a baseline; and `replay regress accept`."""
 
-import itertools
 import json
 import pathlib
-import shlex
 import sys
-from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
 from replay.cli import drop_output
+from replay.cli.accepted import changes_for_people
 from replay.cli.against import tell_timing, time_against
 from replay.cli.console import Common, Voice
+from replay.cli.invoked import to_paste
 from replay.cli.optimize import MethodFlags, WeightFlags
 from replay.cli.options import UsageError
 from replay.cli.reading import Reading
@@ -46,6 +45,9 @@ from replay.regress.work import Outcome
 _FLAT = Parameter(name="*")
 _PARTIAL = ("--method", "--tag", "--only")
 """Options that leave a part of the corpus out."""
+_FIRST_BASELINE = "baseline.json"
+"""The name that is proposed for the baseline of a corpus that is no folder, and has none yet."""
+_MOST_HINTS = 5
 _SHORT = (WRITE_ERROR, FINISH_ERROR, CLUSTER_ERROR)
 """Errors that come when the work is done: it fell short, rather than that it could not be begun."""
 
@@ -194,13 +196,14 @@ def accept(
     done = accepted(before, store.documents(), known, head, wanted)
     made, changes = done.baseline, done.changes
     lost = sorted(before.logs.keys() - made.logs.keys())
-    voice.show(*_changed(changes), *(f"out: {name}" for name in lost))
+    voice.show(*changes_for_people(changes), *(f"out: {name}" for name in lost))
     if done.kept:
         voice.show(f"as it was: {count(done.kept, 'result')} of the baseline, by --only and --method")
     write_baseline(file, made)
     if DIRTY in made.revision:
         voice.note(f"{made.revision}: its program is no commit's, so that nobody can make this baseline again")
-    voice.show(f"wrote {file}: {len(made.logs)} logs; {len(changes)} changes, {len(lost)} logs out")
+    extent = f"{count(len(made.logs), 'log')}; {count(len(changes), 'change')}, {count(len(lost), 'log')} out"
+    voice.show(f"wrote {file}: {extent}")
     about = {"schema": "replay.accept/1", "exit_status": 0, "baseline": str(file)}
     voice.document(about | {"changes": changes, "out": lost, "kept": done.kept})
     return ExitStatus.OK
@@ -217,26 +220,6 @@ def _to_write(run: pathlib.Path, head: dict[str, Any], baseline: pathlib.Path | 
     return baseline or pathlib.Path(head["accept_to"])
 
 
-def _changed(changes: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """A line for each change; what is new of one result is one line."""
-
-    def place(entry: dict[str, Any]) -> tuple[bool, str]:
-        where = " ".join(filter(None, (entry["case"] or entry["log"], entry["method"])))
-        return entry["verdict"] == "new", where
-
-    for (is_new, where), entries in itertools.groupby(changes, place):
-        if is_new:
-            yield f"new: {where}: " + ", ".join(f"{entry['key']} {_shown(entry['after'])}" for entry in entries)
-            continue
-        for entry in entries:
-            values = f"{entry['key']} {_shown(entry['before'])} → {_shown(entry['after'])}"
-            yield f"{entry['verdict']}: {where}: {values}"
-
-
-def _shown(value: Any) -> str:
-    return f"{value:.9g}" if isinstance(value, float) else str(value)
-
-
 def _executor(voice: Voice, scheduler: str | None, jobs: int) -> AbstractContextManager[Execute]:
     if scheduler is not None:
         return connected(scheduler, voice.note)
@@ -249,7 +232,7 @@ def _carried_out(
     """Do a run, or its rest, and say what came of it; the exit status."""
     from replay.regress.bar import Bar
 
-    voice.note(f"{store.folder}: {len(plan.logs)} logs, {', '.join(plan.settings.methods)}")
+    voice.note(f"{store.folder}: {count(len(plan.logs), 'log')}, {', '.join(plan.settings.methods)}")
 
     def progress(outcome: Outcome | None, done: int, total: int) -> None:
         if outcome is None and done:
@@ -260,7 +243,7 @@ def _carried_out(
         with Bar(voice.people, enabled=voice.wants_progress) as bar:
             carry_out(plan, store, execute, progress)
         timed = None if against is None else time_against(voice, plan, store, against)
-        said = finish(store.folder, out, _accept(plan, store))
+        said = finish(store.folder, out, _commands(plan, store))
     except KeyboardInterrupt:
         voice.error(f"interrupted; what was finished is kept in {store.folder}")
         voice.error(f"the rest: {_again()}")
@@ -299,7 +282,9 @@ def _tell(voice: Voice, plan: Plan, store: Store, said: Any, status: ExitStatus)
         document = {key: said[key] for key in ("headline", "failing", "known", "passing", "unread", "files")}
         about = {"schema": "replay.regress/1", "exit_status": int(status), "run": str(store.folder)}
         voice.document(about | document | {"summary": json.loads((store.folder / SUMMARY).read_text())})
-    if said["failing"] or said["state"] == "unjudged":
+    for line in said["against_corpus"][:_MOST_HINTS]:
+        voice.note(f"{line}: if it is as it should be, change `expect` there; accepting the run does not help")
+    if said["state"] == "unjudged" or said["acceptable"]:
         voice.note(_advice(plan, store, said["state"]))
 
 
@@ -309,24 +294,30 @@ def _status(said: Any) -> ExitStatus:
     return ExitStatus.PARTIAL if said["unread"] or said["damaged"] else ExitStatus.OK
 
 
+def _commands(plan: Plan, store: Store) -> dict[str, str]:
+    """What the reports give to paste."""
+    return {"accept": _accept(plan, store), "view": to_paste("view", str(store.folder))}
+
+
 def _accept(plan: Plan, store: Store) -> str:
     """The command that makes a run the baseline; empty for a partial one."""
     if plan.partial:
         return ""
-    words = ["replay", "regress", "accept", str(store.folder)]
-    return shlex.join(words if plan.baseline is not None else [*words, "--baseline", "FILE"])
+    words = ["regress", "accept", str(store.folder)]
+    return to_paste(*words) if plan.baseline is not None else to_paste(*words, "--baseline", _FIRST_BASELINE)
 
 
 def _advice(plan: Plan, store: Store, state: str) -> str:
     if plan.partial:
         return f"a partial run ({plan.partial}) cannot become the baseline; the whole: {_whole()}"
     why = "if this is as it should be" if state == "failed" else "there is no baseline yet; to make this run the one"
-    return f"{why}: {_accept(plan, store)}"
+    named = "" if plan.baseline is not None else f" (and name it from then on: --baseline {_FIRST_BASELINE})"
+    return f"{why}{named}: {_accept(plan, store)}"
 
 
 def _whole() -> str:
     """This command without what makes its run partial."""
-    kept, words = ["replay"], iter(sys.argv[1:])
+    kept, words = list[str](), iter(sys.argv[1:])
     for word in words:
         flag, sign, value = word.partition("=")
         if flag in (*_PARTIAL, "--set") and not sign:
@@ -334,9 +325,8 @@ def _whole() -> str:
         if flag in _PARTIAL or flag == "--resume" or (flag == "--set" and value.partition("=")[0].strip() == "method"):
             continue
         kept += [flag, value] if flag == "--set" else [word]
-    return shlex.join(kept)
+    return to_paste(*kept)
 
 
 def _again() -> str:
-    words = [word for word in sys.argv[1:] if word != "--resume"]
-    return shlex.join(["replay", *words, "--resume"])
+    return to_paste(*(word for word in sys.argv[1:] if word != "--resume"), "--resume")

@@ -10,11 +10,9 @@ from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError
 from replay.files import WRITE_ERROR
 from replay.regress.reports import make_report
-from replay.regress.reports.facts import ranked, state
-from replay.regress.reports.junit import explained
+from replay.regress.reports.facts import state
+from replay.regress.reports.groups import failing_lines, groups
 from replay.regress.reports.model import RunData
-
-_MOST_LINES = 20
 
 
 @reflowed
@@ -47,10 +45,10 @@ def report(
         return ExitStatus.SHORT
     status = _status(made.run)
     voice.show(str(made.summary["headline"]))
-    changes = ranked(made.run.failing)
-    voice.show(*(f"  {c.method} on {c.case or c.log}: {explained(c)}" for c in changes[:_MOST_LINES]))
-    if len(changes) > _MOST_LINES:
-        voice.show(f"  and {len(changes) - _MOST_LINES} more")
+    lines, more = failing_lines(groups(made.run))
+    voice.show(*(f"  {line}" for line in lines))
+    if more:
+        voice.show(f"  and {more} more")
     voice.show(*(f"wrote {path}" for path in made.files))
     for line in made.run.damaged:
         voice.error(f"left out: {line}")

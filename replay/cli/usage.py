@@ -3,10 +3,14 @@
 import difflib
 import enum
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
+from replay.cli.invoked import to_paste
+
 Command = TypeVar("Command", bound=Callable[..., int])
+USAGE_ERROR = "E_USAGE"
+"""Code of errors in what was asked for, to which the help has the answer."""
 
 
 class ExitStatus(enum.IntEnum):
@@ -50,16 +54,22 @@ def _indent(line: str) -> int:
 
 
 _EXAMPLES = {
-    "optimize": "replay optimize recordings/bay_01.mcap --out out",
-    "info": "replay info recordings/bay_01.mcap",
-    "audit": "replay audit out/bay_01.results.json",
-    "report": "replay report runs/tonight",
-    "view": "replay view out",
-    "regress": "replay regress recordings",
-    "compare": "replay compare before/bay_01.results.json after/bay_01.results.json",
+    "optimize": "optimize recordings/bay_01.mcap --out out",
+    "info": "info recordings/bay_01.mcap",
+    "audit": "audit out/bay_01.results.json",
+    "report": "report runs/RUN",
+    "view": "view runs/RUN",
+    "regress": "regress recordings",
+    "regress accept": "regress accept runs/RUN",
+    "compare": "compare before/bay_01.results.json after/bay_01.results.json",
 }
 
 
 def example(command: str) -> str:
-    """How a command is called."""
-    return _EXAMPLES.get(command, f"replay {command} --help")
+    """How a command, such as `regress accept`, is called."""
+    return to_paste(*_EXAMPLES.get(command, f"{command} --help").split())
+
+
+def command_of(tokens: Sequence[str]) -> Sequence[str]:
+    """The words at the beginning of a command line that name its command."""
+    return tokens[: 2 if " ".join(tokens[:2]) in _EXAMPLES else 1]

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 from rich.table import Table
 
 from replay.cli.console import Common, Voice
+from replay.cli.invoked import program, to_paste
 from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError, printable
 
@@ -63,7 +64,7 @@ def recordings(run: pathlib.Path) -> list[pathlib.Path]:
         reason = getattr(error, "strerror", None) or str(error)
         raise ReplayError(VIEW_ERROR, f"{run}: {reason}; expected the folder of a run or of recordings") from error
     if not files:
-        hint = "`replay regress --recordings all` writes one for each log"
+        hint = f"`{to_paste('regress', 'CORPUS', '--recordings', 'all')}` writes one for each log"
         raise ReplayError(VIEW_ERROR, f"{folder}: holds no recording (*.rrd); {hint}")
     return files
 
@@ -83,8 +84,9 @@ def _table(dataset: "Dataset") -> Table:
 
 def _links(dataset: "Dataset") -> list[str]:
     """Commands that open the recordings: lines to copy, which a table would fold."""
-    lines = [f"rerun {shlex.quote(entry.url)}  # {entry.name}" for entry in dataset.entries]
-    return ["", *lines, f"rerun {shlex.quote(dataset.url)}  # the table of all"]
+    viewer = shlex.quote(program("rerun"))
+    lines = [f"{viewer} {shlex.quote(entry.url)}  # {entry.name}" for entry in dataset.entries]
+    return ["", *lines, f"{viewer} {shlex.quote(dataset.url)}  # the table of all"]
 
 
 def _document(dataset: "Dataset") -> dict[str, Any]:

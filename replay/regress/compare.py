@@ -10,7 +10,6 @@ from replay.regress.reports.model import CRASHES, FAILING
 from replay.regress.reports.numbers import count
 
 Entry = dict[str, Any]
-_DECLARED = "against what corpus.toml expects"
 
 
 def compare_log(
@@ -43,9 +42,10 @@ def is_other_log(document: Mapping[str, Any], before: Mapping[str, Any]) -> bool
     return before.get("sha256") not in (None, document.get("sha256"))
 
 
-def missing_log(name: str, known: Sequence[Known] = ()) -> Entry:
-    """A log of the baseline that is not in the run."""
-    return _excused(_entry(name, key="log", before="there", after=None, verdict="missing"), known)
+def missing_log(name: str, known: Sequence[Known] = (), *, now: str | None = None) -> Entry:
+    """A log of the baseline that is not in the run, unless under the name that it has `now`."""
+    before = "there" if now is None else name
+    return _excused(_entry(name, key="log", before=before, after=now, verdict="missing"), known)
 
 
 def gone(known: Iterable[Known], found: Sequence[Mapping[str, Any]], *, partial: bool = False) -> list[Entry]:
@@ -160,25 +160,23 @@ def _measured(log: str, where: Mapping[str, str], metric: Metric, before: Value,
 def _expectation(document: Mapping[str, Any], before: Mapping[str, Any]) -> list[Entry]:
     """What the corpus declares of a log that could be read."""
     expect = document.get("expect") or ""
+    note = f"against what {document.get('declared') or 'corpus.toml'} expects"
     if before.get("error"):
         was = before["error"]
-        return [_entry(document["log"], key="error", before=was, after="read", verdict=_read_after_all(was, expect))]
+        verdict = "worse" if was == expect else "better"
+        note = note if was == expect else ""
+        return [_entry(document["log"], key="error", before=was, after="read", verdict=verdict, note=note)]
     if expect.startswith("E_"):
-        return [_entry(document["log"], key="expect", before=expect, after="read", verdict="worse", note=_DECLARED)]
+        return [_entry(document["log"], key="expect", before=expect, after="read", verdict="worse", note=note)]
     found = []
     for case in document["cases"] if expect in ("improved", "kept") else ():
         statuses = {method["status"] for method in case["methods"]}
         came = "improved" if "improved" in statuses else "kept"
         if came != expect:
             verdict = "worse" if expect == "improved" else "better"
-            place = {"case": case["case"], "key": "expect", "note": _DECLARED}
+            place = {"case": case["case"], "key": "expect", "note": note}
             found.append(_entry(document["log"], **place, before=expect, after=came, verdict=verdict))
     return found
-
-
-def _read_after_all(was: str, expect: str) -> str:
-    """A log that the baseline could not read, and that is read now: worse where it should be refused."""
-    return "worse" if was == expect else "better"
 
 
 def _excused(entry: Entry, known: Sequence[Known]) -> Entry:

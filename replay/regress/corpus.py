@@ -2,7 +2,8 @@
 
 A corpus is a folder (with everything below it), a glob, a text file with one path on each line, or an object store
 (`s3://bucket/prefix`). A log's name is its path within the corpus without the suffix, such as `full/open_01`; results,
-baseline and reports know it by that name. In a `corpus.toml`, all of it optional:
+baseline and reports know it by that name. A `corpus.toml` is about the logs of its own folder alone, not of those below
+it. In it, all of it optional:
 
     methods = ["ddp", "shortcut+scp"]   # what is run here, instead of all methods
 
@@ -10,7 +11,7 @@ baseline and reports know it by that name. In a `corpus.toml`, all of it optiona
     class = "bay"
     expect = "improved"                 # or "kept", or the code of the error with which it is refused, as E_NO_MAP
     tags = ["grid"]
-    methods = ["ddp"]
+    methods = ["ddp"]               # other keys are notes, unless they look like one of these misspelt
 
     [[known]]                           # a known issue: does not fail the run, and is told when it has gone
     log = "bay_*"
@@ -19,10 +20,12 @@ baseline and reports know it by that name. In a `corpus.toml`, all of it optiona
     note = "why, and where it is being looked at"
 """
 
+import difflib
 import fnmatch
 import glob
 import os
 import pathlib
+import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -72,6 +75,8 @@ class Log:
     tags: tuple[str, ...] = ()
     methods: tuple[str, ...] = ()
     """Those to be run; empty for all."""
+    declared: str = ""
+    """Where its expectation, or else the log, is declared, as path:line; empty where it is not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,6 +184,9 @@ class _Declared:
     logs: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     known: Sequence[Known] = ()
     methods: tuple[str, ...] = ()
+    path: str = ""
+    lines: Mapping[str, int] = field(default_factory=dict)
+    """Of each log's expectation, or else of its table."""
 
     def log(self, stem: str, path: str, prefix: str = "") -> Log:
         entry = self.logs.get(stem, {})
@@ -189,6 +197,7 @@ class _Declared:
             expect=entry.get("expect", ""),
             tags=tuple(entry.get("tags", ())),
             methods=tuple(entry.get("methods", self.methods)),
+            declared=f"{self.path}:{self.lines.get(stem, 1)}" if stem in self.logs else "",
         )
 
     def issues(self, prefix: str) -> list[Known]:
@@ -197,6 +206,9 @@ class _Declared:
         return [Known(log=escaped + k.log, method=k.method, key=k.key, note=k.note) for k in self.known]
 
 
+_TOP = ("schema", "methods", "logs", "known")
+_ALIKE = 0.7
+"""Likeness from which a key is taken for another one misspelt [-]."""
 _ENTRY: Mapping[str, type] = {"class": str, "expect": str, "tags": list, "methods": list}
 _KNOWN: Mapping[str, type] = {"log": str, "method": str, "key": str, "note": str}
 
@@ -210,27 +222,56 @@ def read_list(path: pathlib.Path) -> _Declared:
     except OSError as error:
         raise ReplayError(CORPUS_ERROR, f"{path}: {error.strerror}") from error
     try:
-        document = tomllib.loads(content.decode("utf-8"))
-        return _declared(document)
+        text = content.decode("utf-8")
+        return _declared(tomllib.loads(text), str(path), _lines(text))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ReplayError(CORPUS_ERROR, f"{path}: not TOML: {error}") from error
     except ValueError as error:
         raise ReplayError(CORPUS_ERROR, f"{path}: {error}") from error
 
 
-def _declared(document: Mapping[str, Any]) -> _Declared:
+def _lines(text: str) -> dict[str, int]:
+    """By the names of logs, the number of the line that says what is expected of it, or else of its table."""
+    found: dict[str, int] = {}
+    name = ""
+    for number, line in enumerate(text.splitlines(), 1):
+        if head := re.match(r"""\s*\[\s*logs\s*\.\s*["']?(.*?)["']?\s*\]""", line):
+            name = head[1]
+            found[name] = number
+        elif line.lstrip().startswith("["):
+            name = ""
+        elif name and re.match(r"\s*expect\s*=", line):
+            found[name] = number
+    return found
+
+
+def _declared(document: Mapping[str, Any], path: str, lines: Mapping[str, int]) -> _Declared:
+    _no_slips(document, _TOP, "")
     if document.get("schema", SCHEMA) != SCHEMA:
         raise ValueError(f"schema is {printable(document['schema'], 60)!r}, expected {SCHEMA!r}")
     logs = _typed(document, "logs", dict, {})
     for name, entry in logs.items():
         if not isinstance(entry, dict):
             raise ValueError(f"logs.{name} is a {type(entry).__name__}, expected a table")
+        if "/" in name:
+            folder, _, stem = name.rpartition("/")
+            where = f"[logs.{stem}] in {folder}/{LIST_NAME}"
+            raise ValueError(f"logs.{name!r}: this file is about the logs of its own folder alone; expected {where}")
+        _no_slips(entry, _ENTRY, f"logs.{name}.")
         for key, kind in _ENTRY.items():
             _words(_typed(entry, key, kind, kind(), f"logs.{name}."), f"logs.{name}.{key}")
     methods = _typed(document, "methods", list, [])
     _words(methods, "methods")
     known = [_issue(entry) for entry in _typed(document, "known", list, [])]
-    return _Declared(logs=logs, known=known, methods=tuple(methods))
+    return _Declared(logs=logs, known=known, methods=tuple(methods), path=path, lines=lines)
+
+
+def _no_slips(table: Mapping[str, Any], keys: Iterable[str], where: str) -> None:
+    """Refuse a key that is one of these misspelt; all others are notes for people."""
+    for key in table:
+        nearest = difflib.get_close_matches(key, keys, n=1, cutoff=_ALIKE)
+        if nearest and key not in keys:
+            raise ValueError(f"unknown key {where}{key}. Did you mean {nearest[0]!r}? There are: {', '.join(keys)}")
 
 
 def _issue(entry: Any) -> Known:

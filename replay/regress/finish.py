@@ -1,6 +1,6 @@
 """The end of a run, in a process of its own since it needs memory: verdicts.json, run.json, the reports.
 
-Usage: python -m replay.regress.finish RUN HISTORY ACCEPT; prints one JSON document.
+Usage: python -m replay.regress.finish RUN HISTORY COMMANDS; prints one JSON document.
 """
 
 import json
@@ -18,9 +18,8 @@ from replay.regress.compare import Entry, compare_log, gone, missing_log
 from replay.regress.corpus import Known
 from replay.regress.differing import other_options, uncompared
 from replay.regress.reports import make_report
-from replay.regress.reports.facts import ranked, state
-from replay.regress.reports.groups import gravest, groups
-from replay.regress.reports.junit import explained
+from replay.regress.reports.facts import acceptable, is_declared, state
+from replay.regress.reports.groups import failing_lines, groups
 from replay.regress.reports.model import LogError, RunData
 from replay.regress.reports.numbers import count
 from replay.regress.reports.reading import VERDICTS_SCHEMA
@@ -33,9 +32,13 @@ _MOST_LINES = 20
 _MOST_TWICE = 5
 
 
-def finish(folder: pathlib.Path, history: pathlib.Path, accept: str) -> dict[str, Any]:
-    """Judge a run and write its reports in a process of its own; what that says. ReplayError (E_REPORT)."""
-    command = [sys.executable, "-P", "-m", "replay.regress.finish", str(folder), str(history), accept]
+def finish(folder: pathlib.Path, history: pathlib.Path, commands: Mapping[str, str]) -> dict[str, Any]:
+    """Judge a run and write its reports in a process of its own; what that says. ReplayError (E_REPORT).
+
+    `commands` are those that the reports give to paste: "accept" makes the run the baseline, "view" shows it.
+    """
+    words = [str(folder), str(history), json.dumps(dict(commands))]
+    command = [sys.executable, "-P", "-m", "replay.regress.finish", *words]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     if done.returncode != 0:
@@ -53,10 +56,16 @@ def judge(folder: pathlib.Path) -> list[Entry]:
     without = uncompared(baseline, head["options"]) if head.get("options") else ()
     entries: list[Entry] = []
     names = []
+    absent = {} if head.get("partial") else _absent(baseline, head.get("logs") or ())
     for document in store.documents():
-        names.append(document["log"])
+        name = document["log"]
+        names.append(name)
         whole = not head.get("partial_methods")
-        entries += compare_log(document, baseline.logs.get(document["log"]), known, whole=whole, without=without)
+        before = absent.pop(document.get("sha256"), None) if name not in baseline.logs else None
+        entries += compare_log(document, baseline.logs.get(before or name), known, whole=whole, without=without)
+        if before is not None:
+            entries.append(missing_log(before, known, now=name))
+            names.append(before)
     if not head.get("partial") and head.get("complete"):
         entries += [missing_log(name, known) for name in sorted(baseline.logs.keys() - set(names))]
     entries += gone(known, entries, partial=bool(head.get("partial")))
@@ -66,31 +75,40 @@ def judge(folder: pathlib.Path) -> list[Entry]:
     return entries
 
 
-def conclude(folder: pathlib.Path, history: pathlib.Path, accept: str) -> dict[str, Any]:
+def _absent(baseline: Baseline, logs: Sequence[str]) -> dict[str | None, str]:
+    """Names of the baseline's logs that are not in the run, by their content: what has it now was renamed."""
+    gone_names = sorted(baseline.logs.keys() - set(logs), reverse=True)
+    return {sha256: name for name in gone_names if (sha256 := baseline.logs[name].get("sha256"))}
+
+
+def conclude(folder: pathlib.Path, history: pathlib.Path, commands: Mapping[str, str]) -> dict[str, Any]:
     """Judge a run and make its reports; what the command has to say of it, whose size does not grow with the run's."""
     store = Store(folder)
     head = store.head()
     done = store.done()
     planned = [file_stem(name) + ".json" for name in head.get("logs") or ()]
-    other = {"other_options": _other_options(head)}
-    store.write_head(_without_schema(head) | {"complete": done.issuperset(planned)} | other)
+    about = {"complete": done.issuperset(planned), "commands": dict(commands), "other_options": _other_options(head)}
+    store.write_head(_without_schema(head) | about)
     judge(folder)
-    report = make_report(folder, history, accept)
+    report = make_report(folder, history)
     run = report.run
     told = groups(run)
-    failing = ranked(run.failing)
-    lines = [group.sentence for group in gravest(told)] or [explained(change) for change in failing]
+    lines, more = failing_lines(told)
     return {
         "state": state(run),
         "headline": report.summary["headline"],
-        "failing": lines[:_MOST_LINES],
-        "failing_more": max(0, len(lines) - _MOST_LINES),
+        "failing": lines,
+        "failing_more": more,
         "known": [group.sentence for group in told if group.verdict == "known"][:_MOST_LINES],
         "passing": _few([change.note for change in run.changes if change.key == "known issue"]),
         "unread": _few([_unread(error) for error in run.errors if not error.expected]),
         "unwritten": _unwritten(run),
         "twice": _twice(run),
         "damaged": _few(run.damaged),
+        "against_corpus": list(
+            dict.fromkeys(change.note for change in run.failing if is_declared(change) and change.note)
+        ),
+        "acceptable": acceptable(run),
         "other_options": run.other_options,
         "files": [str(path) for path in report.files],
     }
@@ -136,9 +154,9 @@ def _without_schema(head: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def main() -> int:
-    folder, history, accept = sys.argv[1:4]
+    folder, history, commands = sys.argv[1:4]
     try:
-        said = conclude(pathlib.Path(folder), pathlib.Path(history), accept)
+        said = conclude(pathlib.Path(folder), pathlib.Path(history), json.loads(commands))
     except ReplayError as error:
         sys.stderr.write(f"{error}\n")
         return 1

@@ -138,6 +138,7 @@ def _outline(job: Job) -> dict[str, Any]:
         "class": log.kind,
         "tags": list(log.tags),
         "expect": log.expect,
+        "declared": log.declared,
     }
 
 
@@ -159,7 +160,8 @@ def _read(case: Case) -> dict[str, Any]:
 def _method(run: MethodRun) -> dict[str, Any]:
     fields = ("name", "status", "stop", "reason", "metrics", "audit", "wall_s", "rejected")
     counters = {"iterations": run.iterations, "evaluations": len(run.history)}
-    return {key: getattr(run, key) for key in fields} | {"work": counters}
+    found = {key: getattr(run, key) for key in fields} | {"work": counters}
+    return found | {"traceback": run.traceback} if run.traceback else found
 
 
 def _wants_recording(job: Job, case: str, entries: list[Entry]) -> bool:
@@ -206,6 +208,8 @@ def digest(path: str) -> str | None:
 
 def _message(job: Job, error: ReplayError) -> str:
     """The error's line; a copy's place on this machine is nobody's business."""
+    if error.code == "E_NOT_FOUND" and job.log.declared:
+        return f"{error.message}; {job.log.declared} names it"
     if isinstance(error, LogError) and error.path != job.log.path:
         return error.message.replace(error.path, job.log.path)
     return error.message

@@ -34,12 +34,11 @@ class Report:
     files: Sequence[pathlib.Path]
 
 
-def make_report(folder: pathlib.Path, history: pathlib.Path | None = None, accept: str = "") -> Report:
+def make_report(folder: pathlib.Path, history: pathlib.Path | None = None) -> Report:
     """Read a run and write its reports into its folder, each whole or not at all.
 
-    `history` is the folder of runs from which the trend is read, by default that in which the run is; `accept` the
-    command that makes this run the baseline, which the reports of a failed run name. Raises ReplayError (E_RUN) where
-    there is no run, E_WRITE where a file cannot be written.
+    `history` is the folder of runs from which the trend is read, by default that in which the run is. Raises
+    ReplayError (E_RUN) where there is no run, E_WRITE where a file cannot be written.
     """
     from replay.regress.reports.html import page
     from replay.regress.reports.junit import junit
@@ -50,9 +49,9 @@ def make_report(folder: pathlib.Path, history: pathlib.Path | None = None, accep
     points = trend(run, history or folder.resolve().parent)
     summary = summarize(run)
     texts = {
-        "report.html": page(run, points, accept).encode("utf-8", "backslashreplace"),
+        "report.html": page(run, points).encode("utf-8", "backslashreplace"),
         "junit.xml": junit(run),
-        "report.md": markdown(run, accept).encode("utf-8", "backslashreplace"),
+        "report.md": markdown(run).encode("utf-8", "backslashreplace"),
         SUMMARY: json.dumps(summary, indent=1, sort_keys=True).encode() + b"\n",
     }
     for name in FILES:

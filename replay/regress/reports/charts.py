@@ -135,11 +135,12 @@ def _trend(
         }
         pieces = [_path([dots[i][:2] for i in stretch if i in dots]) for stretch in stretches]
         lines.append(Line(method=name, pieces=tuple(filter(None, pieces)), dots=tuple(dots.values())))
+    x_label, dates = _dates(points)
     return Chart(
         title=title,
-        x_label="run",
+        x_label=x_label,
         y_label=y_label,
-        x_ticks=tuple((x(i), points[i].created[:10] or points[i].name[:10]) for i in _chosen(len(points))),
+        x_ticks=tuple((x(i), label) for i, label in dates),
         y_ticks=tuple((y(place), text) for place, text in _y_ticks(low, high, logarithmic)),
         lines=tuple(lines),
         breaks=tuple(x(stretch[0] - 0.5) for stretch in stretches[1:]),
@@ -164,6 +165,15 @@ def _y_ticks(low: float, high: float, logarithmic: bool) -> list[tuple[float, st
     fine = (1.0, 2.0, 5.0) if high - low < 2.5 else (1.0,)
     places = [(math.log10(m) + k, m * 10.0**k) for k in decades for m in fine]
     return [(place, shown(value, 2)) for place, value in places if low <= place <= high]
+
+
+def _dates(points: Sequence[Point]) -> tuple[str, list[tuple[int, str]]]:
+    """What is written below the axis of runs, and at some of them their days, or the times of a single day."""
+    chosen = {i: points[i].created or points[i].name for i in _chosen(len(points))}
+    days = {created[:10] for created in chosen.values()}
+    if len(days) == 1:
+        return f"run of {days.pop()}, time in UTC", [(i, made[11:16].replace("-", ":")) for i, made in chosen.items()]
+    return "run", [(i, created[:10]) for i, created in chosen.items()]
 
 
 def _chosen(count: int) -> list[int]:

@@ -141,7 +141,9 @@ def _regression(run: RunData) -> str:
     results = {v: {(c.log, c.case, c.method) for c in failing if c.verdict == v} for v in VERDICTS if v in FAILING}
     nouns = {"changed": "log"}
     parts = [f"{count(len(found), nouns.get(v, 'result'))} {v}" for v, found in results.items() if found]
-    affected = [f"{len({change.log for change in failing})} of {logs_in_all(run)} affected"] if failing else []
+    logs = {change.log for change in failing}
+    in_all = count(len(logs.union(run.logs)), "log")  # missing logs too
+    affected = [f"{len(logs)} of {in_all} affected"] if failing else []
     slower = [f"slower than {run.against}: {', '.join(run.slower)}"] if run.slower else []
     return "Regression: " + "; ".join([*([", ".join(parts)] if parts else []), *affected, *slower])
 
@@ -153,16 +155,20 @@ def logs_in_all(run: RunData) -> str:
 
 def sentence(change: Change) -> str:
     """One comparison in words."""
-    where = f"{change.method or 'the log'} on {change.case or change.log}"
+    place = change.case or change.log
+    where = f"{change.method} on {place}" if change.method else f"log {place}"
     if change.verdict == "crashed":
-        return f"{where} crashed"
+        return f"{where} crashed: {change.note}".removesuffix(": ")
     if change.verdict == "changed":
         return change.note
     if change.verdict == "missing":
-        return f"{where} is missing"
+        return f"renamed: {change.before} → {change.after}" if change.after else f"{where} is missing"
+    if change.verdict == "new" and change.key in ("log", "result"):
+        return f"{where} is new"
     unit = f" {change.unit}" if change.unit not in ("", "-") else ""
     relative = f" ({text})" if (text := percent(change.relative)) else ""
-    return f"{where}: {change.key} {shown(change.before)} → {shown(change.after)}{unit}{relative}"
+    why = f", {change.note}" if is_declared(change) and change.note else ""
+    return f"{where}: {change.key} {shown(change.before)} → {shown(change.after)}{unit}{relative}{why}"
 
 
 def _progress(run: RunData) -> str:
@@ -178,6 +184,16 @@ def class_of_logs(run: RunData) -> dict[str, str]:
 def is_failing(change: Change) -> bool:
     """Whether the run fails with this change."""
     return change.verdict in FAILING
+
+
+def is_declared(change: Change) -> bool:
+    """Whether it is against what corpus.toml expects: that has to be changed, accepting does not help."""
+    return change.key == "expect" or (change.key == "error" and change.after == "read")
+
+
+def acceptable(run: RunData) -> bool:
+    """Whether accepting the run would mend any of what fails."""
+    return any(not is_declared(change) for change in run.failing)
 
 
 def labels(methods: Sequence[str]) -> dict[str, str]:

@@ -1,5 +1,6 @@
 """Taking values out of a run's files, which may be damaged or made by others: each is checked, text made harmless."""
 
+import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -8,6 +9,8 @@ from replay.errors import printable
 
 LONGEST_NAME = 200
 LONGEST_TEXT = 500  # characters of a reason or an error
+MOST_TEXT_LINES = 40
+LONGEST_COMMAND = 4000  # characters: one that is cut cannot be pasted
 
 
 class Malformed(Exception):
@@ -54,6 +57,13 @@ def words(data: Mapping[str, Any], key: str) -> tuple[str, ...]:
     return tuple(printable(entry, LONGEST_NAME) for entry in value)
 
 
+def lines(data: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    """A text of several lines, of which the last ones are kept; empty where there is none."""
+    value = data.get(key)
+    found = value.splitlines()[-MOST_TEXT_LINES:] if isinstance(value, str) else []
+    return tuple(printable(line, LONGEST_NAME) for line in found)
+
+
 def number(data: Mapping[str, Any], key: str) -> float | None:
     """A finite number; None where there is none."""
     return _finite(data.get(key))
@@ -71,11 +81,17 @@ def numbers(data: Any, prefix: str = "") -> dict[str, float]:
     return found
 
 
-def facts(data: Any) -> dict[str, str]:
-    """An object as names and what is said of them."""
-    if not isinstance(data, Mapping):
-        return {}
-    return {printable(key, LONGEST_NAME): printable(value, LONGEST_TEXT) for key, value in data.items()}
+def facts(data: Any, prefix: str = "") -> dict[str, str]:
+    """What is said in an object, at whatever depth, by its keys joined with dots."""
+    found: dict[str, str] = {}
+    for key, value in data.items() if isinstance(data, Mapping) else ():
+        name = prefix + printable(key, LONGEST_NAME)
+        if isinstance(value, Mapping):
+            found |= facts(value, f"{name}.")
+        else:
+            words = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+            found[name] = printable("none" if value is None else words, LONGEST_TEXT)
+    return found
 
 
 def flag(data: Mapping[str, Any], key: str) -> bool | None:

@@ -62,12 +62,12 @@ def fingerprint(run: RunData) -> str:
 
 
 def trend(run: RunData, history: pathlib.Path) -> list[Point]:
-    """The last runs over a whole corpus that came to their end, the oldest first, and this one as the last."""
+    """The last runs over the whole of this corpus that came to their end, oldest first, and this one as the last."""
     here = point(run)
     names = sorted(name for name in _folders(history) if name < run.name)
     before: list[Point] = []
     for name in reversed(names):
-        found = _past(history / name)
+        found = _past(history / name, run.corpus)
         if found is not None:
             before.append(found)
         if len(before) == MOST_RUNS - 1:
@@ -83,22 +83,28 @@ def _folders(history: pathlib.Path) -> Iterable[str]:
         return []
 
 
-def _past(folder: pathlib.Path) -> Point | None:
-    """An earlier run from its summary, or from its results where that is missing or not final; None unless whole."""
+def _past(folder: pathlib.Path, corpus: str) -> Point | None:
+    """An earlier run from its summary, or from its results where that is missing or not final.
+
+    None unless it is of the whole of this corpus.
+    """
     with contextlib.suppress(JsonError, Malformed):
-        return _stored(read_json(folder / SUMMARY, _LARGEST_SUMMARY))
+        return _stored(read_json(folder / SUMMARY, _LARGEST_SUMMARY), corpus)
     try:
         run = read_run(folder)
     except ReplayError:
         return None
-    return point(run) if run.complete and not run.partial else None
+    return point(run) if run.complete and not run.partial and run.corpus == corpus else None
 
 
-def _stored(document: Any) -> Point | None:
-    """A point from a summary; None for that of a partial run. Raises Malformed for what is none of a finished one."""
+def _stored(document: Any, corpus: str) -> Point | None:
+    """A point from a summary; None for that of a partial run or of another corpus.
+
+    Raises Malformed for what is none of a finished one.
+    """
     if not isinstance(document, Mapping) or document.get("schema") != SUMMARY_SCHEMA:
         raise Malformed("not a summary")
-    if document.get("partial"):
+    if document.get("partial") or document.get("corpus") != corpus:
         return None
     if not document.get("complete"):
         raise Malformed("not of a finished run")

@@ -8,9 +8,19 @@ from typing import Any, Final, NamedTuple
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from optim.methods import METHODS
 from replay.regress.reports import page_data
 from replay.regress.reports.charts import Chart, drift_chart, profile_chart, time_chart
-from replay.regress.reports.facts import by_class, by_method, headline, profiles, state, tally
+from replay.regress.reports.facts import (
+    acceptable,
+    by_class,
+    by_method,
+    class_of_logs,
+    headline,
+    profiles,
+    state,
+    tally,
+)
 from replay.regress.reports.groups import gravest, groups
 from replay.regress.reports.history import Point
 from replay.regress.reports.model import RunData
@@ -40,8 +50,8 @@ _MOST_ERRORS: Final = 200
 _MOST_SENTENCES: Final = 5
 
 
-def page(run: RunData, trend: Sequence[Point], accept: str = "") -> str:
-    """The page as text. `accept` is the command that makes this run the baseline."""
+def page(run: RunData, trend: Sequence[Point]) -> str:
+    """The page as text."""
     environment = Environment(
         loader=FileSystemLoader(_PAGE, encoding="utf-8"), autoescape=True, undefined=StrictUndefined
     )
@@ -54,7 +64,9 @@ def page(run: RunData, trend: Sequence[Point], accept: str = "") -> str:
         "run": run,
         "state": state(run),
         "headline": headline(run),
-        "accept": accept,
+        "has_kinds": any(class_of_logs(run).values()),
+        "has_tags": any(row.tags for row in run.rows),
+        "acceptable": acceptable(run),
         "tally": tally(run.changes),
         "groups": together,
         "worst": [group.sentence for group in gravest(together)[:_MOST_SENTENCES]],
@@ -93,11 +105,14 @@ def _charts(run: RunData, trend: Sequence[Point]) -> list[Chart]:
 
 
 def _colours(names: Sequence[str]) -> str:
-    """The methods' colours, which are those of the recordings."""
+    """The methods' colours, which are those of the recordings, and dashes: each method keeps its own."""
     rules = []
-    for i, style in enumerate(styles(names).values()):
+    known = list(METHODS)
+    others = [name for name in names if name not in known]
+    for i, (name, style) in enumerate(styles(names).items()):
         red, green, blue = style.colour
-        dash = _DASHES[i % len(_DASHES)]
+        place = known.index(name) if name in known else len(known) + others.index(name)
+        dash = _DASHES[place % len(_DASHES)]
         rules.append(f".m{i} {{ stroke: rgb({red} {green} {blue}); stroke-dasharray: {dash}; }}\n")
         rules.append(f".dot.m{i} {{ fill: rgb({red} {green} {blue}); stroke: none; }}\n")
     return "".join(rules)

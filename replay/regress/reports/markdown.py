@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from replay.regress.reports.facts import by_method, headline, labels, state
+from replay.regress.reports.facts import acceptable, by_method, headline, labels, state
 from replay.regress.reports.groups import Group, groups
 from replay.regress.reports.html import SIGNS
 from replay.regress.reports.model import RunData
@@ -13,7 +13,7 @@ MOST_LINES = 20
 """Rows of the table of changes; the page has all."""
 
 
-def markdown(run: RunData, accept: str = "") -> str:
+def markdown(run: RunData) -> str:
     """The text of a comment."""
     parts = [f"### {SIGNS[state(run)]} {escaped(headline(run))}"]
     about = [("revision", run.revision), ("corpus", run.corpus), ("run", run.name)]
@@ -46,8 +46,8 @@ def markdown(run: RunData, accept: str = "") -> str:
         parts.append(_methods(run))
     if run.timing:
         parts.append(_timing(run))
-    if accept and run.failing:
-        parts.append(f"If this is meant: `{accept.replace('`', '')}`")
+    if run.accept and acceptable(run):
+        parts.append(f"If this is meant: `{run.accept.replace('`', '')}`")
     return "\n\n".join(part for part in parts if part) + "\n"
 
 

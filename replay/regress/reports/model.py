@@ -47,6 +47,8 @@ class Row:
     """Path of the recording within the run's folder, where there is one."""
     recording_error: str
     """Why it could not be written; empty where it could, or was not wanted."""
+    traceback: tuple[str, ...] = ()
+    """Lines, where an exception ended the method."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,6 +144,10 @@ class RunData:
     timing: tuple[Timed, ...]
     damaged: tuple[str, ...]
     """Files of the run that cannot be read, one line each."""
+    accept: str = ""
+    """The command that makes this run the baseline; empty where it is not known, and for a partial run."""
+    view: str = ""
+    """The command that shows all recordings; empty where it is not known."""
 
     @property
     def logs(self) -> list[str]:

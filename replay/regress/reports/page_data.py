@@ -4,7 +4,8 @@ import urllib.parse
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from replay.regress.reports.facts import class_of_logs, cost_ratio, ranked
+from replay.regress.reports.facts import class_of_logs, cost_ratio
+from replay.regress.reports.groups import told
 from replay.regress.reports.model import VERDICTS, Change, Row, RunData
 from replay.regress.reports.numbers import NO_VALUE, percent, shown
 
@@ -27,6 +28,8 @@ class ChangeLine:
     difference: str
     sort: float | None
     """By what the column of differences is sorted."""
+    traceback: str
+    """Of a crash, where an exception was raised."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +64,7 @@ def change_lines(run: RunData) -> list[ChangeLine]:
     hrefs = {row.case: href(row.recording) for row in run.rows if row.recording}
     unwritten = {row.case: row.recording_error for row in run.rows}
     lines = []
-    for change in ranked(run.changes):
+    for change in told(run):
         row = rows.get((change.log, change.case, change.method))
         place = href(row.recording) if row and row.recording else hrefs.get(change.case)
         relative, difference = change.relative, change.difference
@@ -70,8 +73,13 @@ def change_lines(run: RunData) -> list[ChangeLine]:
             text = f"{text} ({percent(relative)})"
         sort = relative if relative is not None else difference
         kind = kinds.get(change.log, "")
+        trace = "\n".join(row.traceback) if row and change.verdict == "crashed" else ""
         lost = unwritten.get(change.case, "")
-        lines.append(ChangeLine(change=change, kind=kind, href=place, unwritten=lost, difference=text, sort=sort))
+        lines.append(
+            ChangeLine(
+                change=change, kind=kind, href=place, unwritten=lost, difference=text, sort=sort, traceback=trace
+            )
+        )
     return lines
 
 

@@ -1,14 +1,18 @@
-"""The run as a Parquet file for analysts: one row for each case and method, typed columns with their units."""
+"""The run as a Parquet file for analysts: one row for each case and method, typed columns with their units.
+
+Results that are missing and logs that could not be read have rows too, of status missing and unread.
+"""
 
 import pathlib
+from collections import defaultdict
 from collections.abc import Iterable
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from optim.metrics import UNITS
-from replay.regress.reports.facts import is_failing
-from replay.regress.reports.model import VERDICTS, Numbers, RunData
+from replay.regress.reports.facts import class_of_logs, is_failing
+from replay.regress.reports.model import VERDICTS, Numbers, Row, RunData
 
 SCHEMA = "replay.rows/1"
 _MOST_COUNTED = 2.0**63  # what a column of whole numbers can hold
@@ -22,17 +26,27 @@ def write_parquet(run: RunData, path: pathlib.Path) -> None:
 
 def table(run: RunData) -> pa.Table:
     """The rows as a table. Each field's metadata has its `unit`, the schema's what run they are of."""
-    rows = run.rows
+    rows = [*run.rows, *_absent(run)]
     gravest = _gravest(run)
     columns: list[tuple[pa.Field, pa.Array]] = [
+        _column("run", "", pa.string(), [run.name] * len(rows)),
+        _column("revision", "", pa.string(), [run.revision] * len(rows)),
+    ]
+    columns += [
         _column("class" if name == "kind" else name, "", pa.string(), [getattr(row, name) for row in rows])
         for name in _WORDS
     ]
     columns.append(_column("tags", "", pa.list_(pa.string()), [list(row.tags) for row in rows]))
     keys = [(row.log, row.case, row.method) for row in rows]
     columns.append(_column("verdict", "", pa.string(), [gravest.get(key) for key in keys]))
-    failing = {(c.log, c.case, c.method) for c in run.changes if is_failing(c)}
+    failing: dict[tuple[str, str, str], list[str]] = defaultdict(list)
+    for change in filter(is_failing, run.changes):
+        failing[change.log, change.case, change.method].append(change.key)
     columns.append(_column("regressed", "", pa.bool_(), [key in failing for key in keys]))
+    columns.append(_column("failing", "", pa.list_(pa.string()), [failing.get(key, []) for key in keys]))
+    before = {(c.log, c.case, c.method): c.before for c in run.changes if c.key == "objective"}
+    costs = [value if isinstance(value := before.get(key), float) else None for key in keys]
+    columns.append(_column("baseline_objective", UNITS["objective"], pa.float64(), costs))
     columns.append(_column("audit_passed", "", pa.bool_(), [row.passed for row in rows]))
     columns.append(_column("recorded_audit_passed", "", pa.bool_(), [row.recorded_passed for row in rows]))
     columns.append(_column("wall_s", "s", pa.float64(), [row.wall_s for row in rows]))
@@ -52,6 +66,24 @@ def table(run: RunData) -> pa.Table:
     return pa.Table.from_arrays([array for _, array in columns], schema=schema)
 
 
+def _absent(run: RunData) -> list[Row]:
+    """Rows of what the run has no result of."""
+    empty = {"sha256": "", "stop": "", "recorded": {}, "metrics": {}, "recorded_passed": None, "passed": None}
+    empty |= {"audit": {}, "work": {}, "wall_s": None, "recording": None, "recording_error": "", "tags": ()}
+    kinds = class_of_logs(run)
+    unread = [
+        Row(log=e.log, case="", kind=e.kind, method="", status="unread", reason=e.error, **empty) for e in run.errors
+    ]
+    missing = [
+        Row(
+            log=c.log, case=c.case, kind=kinds.get(c.log, ""), method=c.method, status="missing", reason=c.note, **empty
+        )
+        for c in run.changes
+        if c.verdict == "missing"
+    ]
+    return unread + missing
+
+
 def _column(name: str, unit: str, kind: pa.DataType, values: list) -> tuple[pa.Field, pa.Array]:
     return pa.field(name, kind, metadata={"unit": unit}), pa.array(values, kind)
 
@@ -67,7 +99,9 @@ def _keys(found: Iterable[Numbers]) -> list[str]:
 
 
 def _unit(name: str) -> str:
-    """The unit that a name ends in."""
+    """The unit that a name ends in; a place `s` along the path is a length."""
+    if name.endswith(".s"):
+        return "m"
     last = name.rpartition("_")[2]
     return last if last in ("m", "rad", "s", "rad/m") else "-"
 

@@ -77,6 +77,7 @@ def _about(folder: pathlib.Path) -> dict[str, Any]:
         head = _document(path, RUN_SCHEMA, LARGEST_LOG)
         corpus = fields.optional(head, "corpus")
         num_logs = fields.number(corpus, "num_logs")
+        commands = fields.optional(head, "commands")
         return {
             "created": fields.text(head, "created", ""),
             "revision": fields.text(head, "revision", ""),
@@ -89,6 +90,8 @@ def _about(folder: pathlib.Path) -> dict[str, Any]:
             "partial": fields.text(head, "partial", ""),
             "other_options": fields.text(head, "other_options", "", fields.LONGEST_TEXT),
             "planned": None if num_logs is None else round(num_logs),
+            "accept": fields.text(commands, "accept", "", fields.LONGEST_COMMAND),
+            "view": fields.text(commands, "view", "", fields.LONGEST_COMMAND),
         }
     except (JsonError, Malformed) as error:
         raise ReplayError(RUN_ERROR, f"{path}: {error}; expected the folder of a run of `replay regress`") from None
@@ -165,6 +168,7 @@ def _rows(folder: pathlib.Path, log: Mapping[str, Any], case: Mapping[str, Any])
             wall_s=fields.number(method, "wall_s"),
             recording=_recording(folder, case.get("recording")),
             recording_error=fields.text(case, "recording_error", "", fields.LONGEST_TEXT),
+            traceback=fields.lines(method, "traceback"),
         )
 
 
