@@ -9,6 +9,8 @@ import pytest
 import replay.cli
 from replay.cli.usage import example
 
+REGRESS_COUNTS = ("jobs", "seed", "memory-limit", "shuffle")
+
 
 @pytest.mark.parametrize("command", [name for name in replay.cli.COMMANDS if name not in ("methods", "optimize")])
 def test_a_missing_argument_is_asked_for_with_an_example(command, capsys):
@@ -41,3 +43,27 @@ def test_a_reader_that_goes_after_the_first_line_is_no_failure():
     process.stdout.close()
     _, error = process.communicate(timeout=60)
     assert (process.returncode, error) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["optimize", "--occupied-from", "0.65"], "--occupied-from is 0.65, expected a whole number [%]"),
+        (["info", "--case", "0.5"], "--case is 0.5, expected a whole number"),
+        (["optimize", "--jobs", "1.6"], "--jobs is 1.6, expected a whole number"),
+        (["optimize", "--seed=1.7"], "--seed is 1.7, expected a whole number"),
+        (["optimize", "--shortcut.tries", "many"], "--shortcut.tries is many, expected a whole number"),
+        (["optimize", "--shortcut.tries", "nan"], "--shortcut.tries is nan, expected a whole number"),
+        *((["regress", f"--{name}", "1.5"], f"--{name} is 1.5, expected a whole number") for name in REGRESS_COUNTS),
+        (["view", "--port", "80.5"], "--port is 80.5, expected a whole number"),
+    ],
+)
+def test_a_fraction_is_refused_where_a_whole_number_is_expected(arguments, said, capsys):
+    command, *flags = arguments
+    assert replay.cli.main([command, "x.mcap", *flags]) == 2
+    assert capsys.readouterr().err == f"replay: {said} (see `replay {command} --help`)\n"
+
+
+def test_whole_numbers_may_be_written_with_a_point_or_in_another_base(capsys):
+    assert replay.cli.main(["info", "x.mcap", "--case", "2.0", "--occupied-from", "0x20"]) == 2
+    assert "x.mcap" in capsys.readouterr().err
