@@ -12,7 +12,7 @@ from replay.cli.usage import example
 REGRESS_COUNTS = ("jobs", "seed", "memory-limit", "shuffle")
 
 
-@pytest.mark.parametrize("command", [name for name in replay.cli.COMMANDS if name not in ("methods", "optimize")])
+@pytest.mark.parametrize("command", [name for name in replay.cli.COMMANDS if name not in ("methods", "optimize", "vehicle")])
 def test_a_missing_argument_is_asked_for_with_an_example(command, capsys):
     assert replay.cli.main([command]) == 2
     said = capsys.readouterr().err

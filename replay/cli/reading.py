@@ -17,7 +17,8 @@ _VEHICLE = Option(
     flag="--vehicle",
     hint=pathlib.Path | None,
     default=None,
-    doc="TOML file with the vehicle's dimensions and limits, instead of those in the log; keys as in `replay info`.",
+    doc="TOML file with the vehicle's dimensions and limits, instead of those in the log;"
+    " `replay vehicle` prints one with all keys, units and meanings.",
 )
 READING = tuple(_VEHICLE if option.name == "vehicle" else option for option in options_of(ReadOptions()))
 """The options of the reader, as the command line has them."""
@@ -50,6 +51,8 @@ def read_vehicle(path: pathlib.Path) -> Vehicle:
         if key not in known:
             nearest = difflib.get_close_matches(key, known, n=1)
             guess = f"; did you mean {nearest[0]!r}?" if nearest else f"; there are: {', '.join(known)}"
+            if isinstance(values[key], dict):
+                guess = ": keys stand outside of tables, as `replay vehicle` prints them"
             raise UsageError(f"--vehicle {path}: unknown key {key!r}{guess}")
     try:
         return Vehicle(**values)

@@ -52,6 +52,7 @@ def _indent(line: str) -> int:
 _EXAMPLES = {
     "optimize": "replay optimize recordings/bay_01.mcap --out out",
     "info": "replay info recordings/bay_01.mcap",
+    "vehicle": "replay vehicle > truck.toml",
     "audit": "replay audit out/bay_01.results.json",
     "report": "replay report runs/tonight",
     "view": "replay view out",

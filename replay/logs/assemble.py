@@ -28,7 +28,7 @@ from replay.logs.repair import repaired
 from replay.logs.roles import truck_and_trailer
 from replay.logs.stated import at_rear_axle, reference_offset, start_direction, steer_notes, with_stated_gears
 from replay.logs.topics import Topic, choose_map, choose_paths, is_wanted, refused, topics_of
-from replay.logs.vehicle import nodes_of, vehicle_of
+from replay.logs.vehicle import nodes_of, vehicle_in
 
 
 def read_cases(path: str | os.PathLike[str], options: ReadOptions | None = None) -> list[Case]:
@@ -46,10 +46,7 @@ def cases_of(log: Log, options: ReadOptions) -> list[Case]:
     topics = topics_of(log)
     map_topic = choose_map(log, topics, options.map_topic)
     trucks, trailers = choose_paths(log, topics, options.path_topic, options.trailer_topic)
-    try:
-        vehicle, notes = (options.vehicle, []) if options.vehicle else vehicle_of(log.metadata)
-    except Refusal as error:
-        raise LogError(error.code, log.path, str(error)) from None
+    vehicle, notes = (options.vehicle, []) if options.vehicle else vehicle_in(log)
     frames = Frames(topics)
     maps = Maps(map_topic, options, frames)
     truck, trailer = truck_and_trailer(
