@@ -74,3 +74,28 @@ def test_info_says_what_is_in_messages_of_every_type(
     assert channel["understood"][-1].isalpha()
     assert log["error"] is None, log["error"]
     assert len(log["cases"]) == 1
+
+
+def test_a_heading_is_shown_within_half_a_turn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    circle = np.linspace(0.0, 1.6 * np.pi, 200)
+    poses = np.column_stack([30.0 + 10.0 * np.sin(circle), 20.0 - 10.0 * np.cos(circle), circle])
+    file = make.log_of(poses).write(tmp_path / "round.mcap")
+    assert replay.cli.main(["info", str(file), "--unknown", "free"]) == 0
+    assert "-72.0°" in capsys.readouterr().out
+
+
+def test_a_number_that_no_request_has_is_told_with_those_that_there_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = make.sound_log().write(tmp_path / "log.mcap")
+    assert replay.cli.main(["info", str(file), "--case", "1"]) == 2
+    assert "--case 1: it holds one request, number 0" in capsys.readouterr().err
+
+
+def test_a_note_about_a_path_names_its_topic(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    maker = make.log_of(make.path(TRUCK, "odom"))
+    file = maker.add("/tf", make.transforms(make.transform("map", "odom", (0.0, 0.0, 0.0)))).write(tmp_path / "a.mcap")
+    assert replay.cli.main(["info", str(file), "--json"]) == 0
+    (log,) = json.loads(capsys.readouterr().out)["logs"]
+    notes = log["cases"][0]["read"]["notes"]
+    assert "path '/truck': it is in frame 'odom'; a transform of the log puts it into 'map'" in notes

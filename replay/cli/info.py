@@ -122,6 +122,7 @@ def _size(case: Case) -> str:
 
 def _state(state: Any) -> str:
     x, y, theta, alpha = state
+    theta = math.remainder(theta, 2.0 * math.pi)  # it is counted on over whole turns
     return f"({x:z.2f} m, {y:z.2f} m, {math.degrees(theta):z.1f}°, hitch {math.degrees(alpha):z.1f}°)"
 
 

@@ -110,7 +110,8 @@ class _Reader:
                 errors += [error] if chosen in (None, number) else []
             number += 1
         if not cases and not errors:
-            raise LogError("E_NO_TOPIC", self.log.path, f"--case {chosen}: it holds {number} requests, from 0 on")
+            held = "one request, number 0" if number == 1 else f"{number} requests, numbers 0 to {number - 1}"
+            raise LogError("E_NO_TOPIC", self.log.path, f"--case {chosen}: it holds {held}")
         if not cases:
             raise errors[0]
         repeated = len(self.truck.messages) - number
@@ -174,7 +175,8 @@ class _Reader:
         checks = check_recorded(problem, recorded, fit, alpha, log_map.hint)
         checks += steer_notes(recorded, fit, request.series)
         checks += hitch_notes(problem, recorded, fit) if alpha is None else []
-        before = (*notes, *log_map.notes, *frame_notes, *planar_notes, *recorded.notes, *hitch.notes)
+        of_path = [self._of_path(note) for note in (*frame_notes, *planar_notes, *recorded.notes)]
+        before = (*notes, *log_map.notes, *of_path, *hitch.notes)
         off = deviation(plane, recorded, fit)
         read = ReadReport(
             poses=len(plane),
@@ -235,6 +237,10 @@ class _Reader:
             )
             raise Refusal("E_HITCH", text)
         return hitch_angles(recorded.poses, at)
+
+    def _of_path(self, note: str) -> str:
+        """A note about a path, its topic named where it speaks of `it`: it stands beside notes about other things."""
+        return f"path {printable(self.truck.name, 60)!r}: {note}" if note.startswith(("it ", "its ")) else note
 
     def _nodes(self, recorded: RecordedPoses, fit: Fit) -> tuple[Array | None, list[str]]:
         indices = nodes_of(self.log.metadata, len(recorded.nearest))
