@@ -262,6 +262,14 @@ def roll_out(
     )
 
 
+def not_flat(vehicle: Vehicle) -> str:
+    """Why there are no flat map and no local planner for a vehicle, in a sentence for users; empty if there are."""
+    if vehicle.hitch_offset == 0.0:
+        return ""
+    needed = "this method needs the hitch over the rear axle (hitch_offset 0)"
+    return f"hitch_offset is {vehicle.hitch_offset:g} m; {needed}."
+
+
 def _require_flat(vehicle: Vehicle) -> None:
     if vehicle.hitch_offset != 0.0:
         raise ValueError(

@@ -46,6 +46,8 @@ class Hitch(NamedTuple):
     """At each kept pose [rad], shape (n,), or None: it is integrated from `initial`."""
     initial: float
     notes: list[str]
+    sign_of: str = ""
+    """What gave `alpha`, where its sign is a matter of convention."""
 
 
 def sources(
@@ -161,9 +163,10 @@ def at_poses(angles: Angles, recorded: RecordedPoses, series: PoseSeries, log_ti
     alpha = np.unwrap(np.arctan2(np.sin(alpha), np.cos(alpha)))
     row = int(np.argmax(np.abs(alpha)))
     if abs(alpha[row]) >= np.pi / 2.0:
-        raise Refusal(
-            "E_HITCH", f"{angles.name}: the hitch angle is {np.degrees(alpha[row]):.0f} degrees, expected below 90"
-        )
+        largest = float(angles.values[np.argmax(np.abs(angles.values))])
+        if not angles.is_heading and np.pi < abs(largest) < 180.0:
+            raise Refusal("E_HITCH", f"it holds an angle of {largest:.1f} rad, expected below 1.57: is it in degrees?")
+        raise Refusal("E_HITCH", f"the hitch angle is {np.degrees(alpha[row]):.0f} degrees, expected below 90")
     return alpha if len(alpha) > 1 else float(alpha[0])
 
 
@@ -201,4 +204,4 @@ def combined(
     if not isinstance(best, np.ndarray):
         notes.append(f"the hitch angle at the first pose, {best:.3f} rad, is that of {name}")
         return Hitch("reconstructed", None, best, notes)
-    return Hitch(kind, best, initial, notes)
+    return Hitch(kind, best, initial, notes, name if kind == "joint" else "")
