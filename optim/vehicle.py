@@ -74,7 +74,8 @@ class Vehicle:
             low, high = _range_of(field.name)
             is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
             if not is_number or not low <= value <= high:
-                raise ValueError(f"vehicle: {field.name} is {value!r}, expected a number from {low:g} to {high:g}")
+                text = f"{field.name} is {value!r}, expected a number from {low:g} to {high:g}"
+                raise ValueError(f"vehicle: {text}{_guessed_unit(field.name, value) if is_number else ''}")
             object.__setattr__(self, field.name, float(value))
         for extent, (axle, origin) in BEYOND_AXLES.items():
             found, least = getattr(self, extent), getattr(self, axle)
@@ -115,6 +116,16 @@ class Vehicle:
         along = np.stack([-rear, front, front, -rear], axis=1)
         across = np.stack([-half, -half, half, half], axis=1)
         return frozen(np.stack([along, across], axis=2))
+
+
+def _guessed_unit(name: str, value: float) -> str:
+    """What may have gone wrong with a value that is too large; empty where nothing comes to mind."""
+    low, high = _range_of(name)
+    if name in ("max_steer", "max_hitch"):
+        return " rad; is it in degrees?" if high < value <= 90.0 else " rad"
+    if name == "max_steer_rate":
+        return " rad/m"
+    return " m; is it in millimetres?" if low <= value / 1000.0 <= high < value else " m"
 
 
 def _range_of(name: str) -> tuple[float, float]:
@@ -249,6 +260,14 @@ def roll_out(
     return roll_out_kernel(
         frozen(state0), frozen(s), frozen(phi), float(direction), vehicle.kinematics, float(max_step)
     )
+
+
+def not_flat(vehicle: Vehicle) -> str:
+    """Why there are no flat map and no local planner for a vehicle, in a sentence for users; empty if there are."""
+    if vehicle.hitch_offset == 0.0:
+        return ""
+    needed = "this method needs the hitch over the rear axle (hitch_offset 0)"
+    return f"hitch_offset is {vehicle.hitch_offset:g} m; {needed}."
 
 
 def _require_flat(vehicle: Vehicle) -> None:

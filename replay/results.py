@@ -122,7 +122,8 @@ def read_results(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
         document = read_json(path, LARGEST_FILE)
     except JsonError as error:
-        raise ReplayError(RESULTS_ERROR, f"{os.fspath(path)}: {error}") from None
+        expected = "" if os.fspath(path).endswith(".json") else "; expected a results file, STEM.results.json"
+        raise ReplayError(RESULTS_ERROR, f"{os.fspath(path)}: {error}{expected}") from None
     require_outline(document, os.fspath(path))
     return document
 

@@ -11,6 +11,9 @@ import pathlib
 import stat
 from typing import Any
 
+_OTHER_FILES = {b"\x89MCAP": "an MCAP log", b"RRF2": "a Rerun recording"}
+"""What files of other kinds begin with that may be given by mistake."""
+
 
 class JsonError(Exception):
     """A file that holds no acceptable JSON; `str()` says why, without the file's name."""
@@ -49,7 +52,8 @@ def _content(path: pathlib.Path, largest: int) -> str:
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise JsonError(f"not UTF-8 at byte {error.start}") from None
+        kind = next((kind for start, kind in _OTHER_FILES.items() if content.startswith(start)), None)
+        raise JsonError(f"not JSON: it is {kind}" if kind else f"not UTF-8 at byte {error.start}") from None
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

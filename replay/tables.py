@@ -71,7 +71,11 @@ def result_table(run: Run) -> Table:
 
 def reasons(run: Run) -> list[str]:
     """One line for each method: how it stopped, and why its path counts or does not."""
-    return [f"{method.name}: {method.status} ({method.stop}). {method.reason}" for method in run.methods]
+    stops = ["" if method.stop == method.status else f" ({method.stop})" for method in run.methods]
+    return [
+        f"{method.name}: {method.status}{stop}. {method.reason}"
+        for method, stop in zip(run.methods, stops, strict=True)
+    ]
 
 
 def recorded_failures(run: Run) -> list[str]:

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from idl_maker import idl
 from shapely import Polygon, union_all
+from stream_maker import odometry, stamped, with_covariance
 
 from optim.vehicle import Vehicle
 from replay.case import Case
@@ -203,29 +204,6 @@ def test_a_straight_drive_is_moved_to_the_rear_axle_though_its_headings_are_equa
 
 
 # ---- poses one by one
-
-
-def odometry(row: np.ndarray, time: int, speed: float) -> Any:
-    none = np.zeros(36)
-    zero = make.ros("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
-    ahead = make.ros("geometry_msgs/msg/Vector3", x=float(speed), y=0.0, z=0.0)
-    twist = make.ros("geometry_msgs/msg/Twist", linear=ahead, angular=zero)
-    return make.ros(
-        "nav_msgs/msg/Odometry",
-        header=make.header("map", time),
-        child_frame_id="base_link",
-        pose=make.ros("geometry_msgs/msg/PoseWithCovariance", pose=make.pose(*row.tolist()), covariance=none),
-        twist=make.ros("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=none),
-    )
-
-
-def stamped(row: np.ndarray, time: int, _: float) -> Any:
-    return make.ros("geometry_msgs/msg/PoseStamped", header=make.header("map", time), pose=make.pose(*row.tolist()))
-
-
-def with_covariance(row: np.ndarray, time: int, _: float) -> Any:
-    pose = make.ros("geometry_msgs/msg/PoseWithCovariance", pose=make.pose(*row.tolist()), covariance=np.zeros(36))
-    return make.ros("geometry_msgs/msg/PoseWithCovarianceStamped", header=make.header("map", time), pose=pose)
 
 
 def streamed(one: Callable[..., Any], step: int = 200_000_000) -> make.LogMaker:

@@ -172,7 +172,7 @@ def test_a_heading_that_no_motion_explains_is_refused_with_the_place(refusal: Re
     error = refusal(make.log_of(poses))
     assert error.code == "E_KINEMATICS"
     assert re.search(
-        r"the kinematics break by .* m or rad, and the path is up to .* m from them \(at .* m, pose \d+", str(error)
+        r"the best one jumps by .* between its samples, and is up to .* m from them \(at .* m, pose \d+", str(error)
     )
 
 

@@ -198,7 +198,7 @@ def test_white_noise_beyond_repair_is_refused_with_the_amount(read: Read, refusa
     noise = np.random.default_rng(1).normal(0.0, 1.0, TRUCK.shape) * (1.0, 1.0, 0.1)
     (case,) = read(make.log_of(TRUCK + 0.08 * noise))
     assert case.problem.recorded.num_cusps == 1
-    assert any(note.startswith("its poses have noise of ") for note in case.read.notes)
+    assert any(note.startswith("path '/truck': its poses have noise of ") for note in case.read.notes)
     error = refusal(make.log_of(TRUCK + 0.4 * noise))
     assert error.code == "E_KINEMATICS"
     assert "cm, expected at most 15 cm" in str(error)

@@ -30,6 +30,7 @@ from optim.path import Path, Segment
 from optim.problem import Problem
 from optim.result import Iterate, OnIterate, Picture, Result, Stop, ignore
 from optim.scene import distance_field
+from optim.vehicle import not_flat
 
 _DEAREST = 1000.0  # of a cell, equation (18)
 _LEAST_GAIN = 1e-6  # of J, relative: less is rounding
@@ -111,6 +112,8 @@ class Cpo:
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         """Improve the path segment by segment; ends, gear changes and `problem.required_clearance` are kept."""
+        if sentence := not_flat(problem.vehicle):
+            return Result(path=problem.initial, stop=Stop.FAILED, reason=sentence, iterations=0)
         settings = self.settings(problem)
         progress = _Progress(problem, on_iterate)
         rows: list[Row] = []

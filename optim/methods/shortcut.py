@@ -22,7 +22,7 @@ from optim.problem import Problem
 from optim.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.scene import first_violation
 from optim.steering.connect import Connection, Flat, Sampled, connections
-from optim.vehicle import flat_from_state
+from optim.vehicle import flat_from_state, not_flat
 
 _GAIN = 1e-6  # a replacement must save more than this, else rounding is mistaken for progress [m or -]
 
@@ -68,6 +68,8 @@ class Shortcut:
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         """Shorten `problem.initial`; ends, limits and `problem.required_clearance` are kept."""
+        if sentence := not_flat(problem.vehicle):
+            return Result(path=problem.initial, stop=Stop.FAILED, reason=sentence, iterations=0)
         if self.variant == "random":
             return self._solve_random(problem, on_iterate)
         return self._solve_deterministic(problem, on_iterate)

@@ -1,4 +1,4 @@
-"""The command line: `replay optimize | info | methods | compare | audit | regress | report | view`.
+"""The command line: `replay optimize | info | vehicle | methods | compare | audit | regress | report | view`.
 
 This module stays light: a command's module, and with it numpy, numba and Rerun, is imported when the command is
 called, so that `replay --help` answers at once. Each command is a thin shell over library functions.
@@ -19,6 +19,7 @@ from replay.kernels import drop_stale
 COMMANDS = {
     "optimize": "Improve the recorded paths of logs; write a Rerun recording and a results file for each.",
     "info": "Show what was understood of logs: channels, map, path, vehicle, notes.",
+    "vehicle": "Print a vehicle as TOML, each line with its unit and meaning: to be changed, and read by --vehicle.",
     "methods": "List the methods and their options.",
     "compare": "Show two runs of one request, or two methods of one run, side by side.",
     "audit": "Repeat the independent check of results files, from these files alone.",

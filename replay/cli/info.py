@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from replay.case import Case
 from replay.cli.console import Common, Voice
+from replay.cli.options import options_of
 from replay.cli.reading import Reading, read_options
 from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError, printable
@@ -107,7 +108,8 @@ def _facts(case: Case) -> dict[str, str]:
         "hitch angle": hitch,
         "deviation": f"at most {most} from the logged poses, RMS {rms}",
         "clearance": f"{problem.recorded_clearance:.3f} m; results must keep {problem.required_clearance:.3f} m",
-        "vehicle": ", ".join(f"{name} {value:g}" for name, value in dataclasses.asdict(problem.vehicle).items()),
+        "vehicle": ", ".join(f"{key.name} {key.default:g} {key.unit}" for key in options_of(problem.vehicle))
+        + "; `replay vehicle` says what each is",
     }
     return facts | ({"notes": "\n".join(read.notes)} if read.notes else {})
 
@@ -120,6 +122,7 @@ def _size(case: Case) -> str:
 
 def _state(state: Any) -> str:
     x, y, theta, alpha = state
+    theta = math.remainder(theta, 2.0 * math.pi)  # it is counted on over whole turns
     return f"({x:z.2f} m, {y:z.2f} m, {math.degrees(theta):z.1f}°, hitch {math.degrees(alpha):z.1f}°)"
 
 

@@ -7,18 +7,30 @@ from cyclopts import Parameter
 from optim.methods import METHODS, Method
 from optim.methods.chain import JOINT
 from replay.cli.console import Common, Voice
-from replay.cli.options import Option, options_of, summary_of
-from replay.cli.usage import ExitStatus
+from replay.cli.options import Option, UsageError, options_of, summary_of
+from replay.cli.usage import ExitStatus, reflowed, unknown
 from replay.tables import options_table
 
 
-def methods(common: Annotated[Common | None, Parameter(name="*")] = None) -> int:
-    """List the methods and their options, each a flag of `replay optimize`."""
+@reflowed
+def methods(names: list[str] | None = None, /, *, common: Annotated[Common | None, Parameter(name="*")] = None) -> int:
+    """List the methods and their options, each a flag of `replay optimize`.
+
+    Parameters
+    ----------
+    names
+        Methods to list, by name; all by default.
+    """
     voice = Voice(common or Common())
-    for name, method in METHODS.items():
+    wanted = [name.lower() for name in names or METHODS]
+    for name in wanted:
+        if name not in METHODS:
+            raise UsageError(unknown("method", name, METHODS))
+    listed = {name: METHODS[name] for name in wanted}
+    for name, method in listed.items():
         voice.show(f"{name}: {summary_of(method)}", options_table(options_of(method, name)))
     voice.show(f"Names joined by {JOINT} run one after the other, each from where the one before ended.")
-    found = [_method_document(name, method) for name, method in METHODS.items()]
+    found = [_method_document(name, method) for name, method in listed.items()]
     voice.document({"schema": "replay.methods/1", "methods": found})
     return ExitStatus.OK
 

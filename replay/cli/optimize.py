@@ -75,10 +75,12 @@ def optimize(
         MCAP files, or folders that rosbag2 recorded.
     out
         Folder for the files, made if it is missing: STEM.rrd and STEM.results.json for each log. STEM is the log's
-        name; where a log holds several requests, their numbers follow it (STEM-0, STEM-1).
+        name; where a log holds several requests, their numbers follow it (STEM-0, STEM-1). Earlier files of the same
+        name are replaced.
     export
         Write STEM.optimised.mcap too: a copy of the log with each method's paths added as nav_msgs/msg/Path, on
-        /replay/METHOD/path (truck) and /replay/METHOD/trailer_path. Of a folder, a folder STEM.optimised.
+        /replay/METHOD/path (truck) and /replay/METHOD/trailer_path; in METHOD, a chain's + is _, as in scp_ddp. Of a
+        folder, a folder STEM.optimised.
     view
         Show the run in a Rerun viewer while it goes on, beside the files. Where none can be opened, the run goes on.
     viewer

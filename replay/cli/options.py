@@ -10,10 +10,11 @@ import math
 import pathlib
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from cyclopts import Group, Parameter, default_name_transform
+from cyclopts import CycloptsError, Group, Parameter, Token, convert, default_name_transform
 from docstring_parser import parse_from_object
 
 from replay.cli.usage import USAGE_ERROR
@@ -37,6 +38,26 @@ def read_toml(path: pathlib.Path, where: str) -> dict[str, Any]:
         raise UsageError(f"{where}: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UsageError(f"{where}: not TOML: {error}") from error
+
+
+def _whole(kind: Any, tokens: Sequence[Token], unit: str = "") -> Any:
+    """The value of a flag that takes whole numbers; alone, cyclopts rounds fractions. Raises UsageError."""
+    (token,) = tokens
+    try:
+        is_fraction = float(token.value) % 1.0 != 0.0
+    except ValueError:  # as 0x10, or no number
+        is_fraction = False
+    try:
+        if not is_fraction:
+            return convert(kind, tokens)
+    except (CycloptsError, ValueError):
+        pass
+    expected = "a whole number" + (f" [{unit}]" if unit.strip("-") else "")
+    raise UsageError(f"{token.keyword} is {token.value}, expected {expected}")
+
+
+WholeNumber = Annotated[int, Parameter(converter=_whole)]
+"""The type of a command's own parameter that takes whole numbers."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -141,7 +162,11 @@ def with_flags(settings: Any, values: Any, name: str) -> Any:
 def _flag(option: Option, group: Group) -> tuple[str, Any, Any]:
     shows = option.default is not None and option.default != math.inf
     parameter = Parameter(
-        help=" ".join(option.doc.split()), group=group, show_default=str if shows else False, negative_iterable=()
+        help=" ".join(option.doc.split()),
+        group=group,
+        show_default=str if shows else False,
+        negative_iterable=(),
+        converter=partial(_whole, unit=option.unit) if option.hint in (int, int | None) else None,
     )
     return option.name, Annotated[option.hint, parameter], dataclasses.field(default=NotGiven(option.default))
 

@@ -35,7 +35,8 @@ class Outputs:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            reason = f"the folder cannot be made: {error.strerror}"
+            is_file = folder.exists() and not folder.is_dir()
+            reason = "it is a file, expected a folder" if is_file else f"the folder cannot be made: {error.strerror}"
             raise UsageError(f"--out {folder}: {reason}; choose one that you may write to, as in --out out") from error
         if not os.access(folder, os.W_OK | os.X_OK):
             raise UsageError(f"--out {folder}: no permission to write there; choose another, as in --out out")

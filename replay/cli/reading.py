@@ -4,7 +4,7 @@ import difflib
 import pathlib
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 from cyclopts import Group
 
@@ -17,9 +17,19 @@ _VEHICLE = Option(
     flag="--vehicle",
     hint=pathlib.Path | None,
     default=None,
-    doc="TOML file with the vehicle's dimensions and limits, instead of those in the log; keys as in `replay info`.",
+    doc="TOML file with the vehicle's dimensions and limits, instead of those in the log;"
+    " `replay vehicle` prints one with all keys, units and meanings.",
 )
-READING = tuple(_VEHICLE if option.name == "vehicle" else option for option in options_of(ReadOptions()))
+_GEARS: Final = {"forward": 1, "reverse": -1}
+_START_DIRECTION = Option(
+    name="start_direction",
+    flag="--start-direction",
+    hint=Literal["forward", "reverse", 1, -1],
+    default="forward",
+    doc="Gear of the first metre, where the log has no headings; 1 is forward, -1 reverse.",
+)
+_REPLACED = {option.name: option for option in (_VEHICLE, _START_DIRECTION)}
+READING = tuple(_REPLACED.get(option.name, option) for option in options_of(ReadOptions()))
 """The options of the reader, as the command line has them."""
 
 if TYPE_CHECKING:
@@ -36,6 +46,9 @@ def read_options(values: Any) -> ReadOptions:
     values = dict(values if isinstance(values, Mapping) else given(values))
     if isinstance(values.get("vehicle"), pathlib.Path):
         values["vehicle"] = read_vehicle(values["vehicle"])
+    gear = values.get("start_direction")
+    if gear in _GEARS:
+        values["start_direction"] = _GEARS[gear]
     return with_flags(ReadOptions(), values, "reading")
 
 
@@ -50,6 +63,8 @@ def read_vehicle(path: pathlib.Path) -> Vehicle:
         if key not in known:
             nearest = difflib.get_close_matches(key, known, n=1)
             guess = f"; did you mean {nearest[0]!r}?" if nearest else f"; there are: {', '.join(known)}"
+            if isinstance(values[key], dict):
+                guess = ": keys stand outside of tables, as `replay vehicle` prints them"
             raise UsageError(f"--vehicle {path}: unknown key {key!r}{guess}")
     try:
         return Vehicle(**values)

@@ -14,7 +14,7 @@ from replay.cli.against import tell_timing, time_against
 from replay.cli.console import Common, Voice
 from replay.cli.invoked import to_paste
 from replay.cli.optimize import MethodFlags, WeightFlags
-from replay.cli.options import UsageError
+from replay.cli.options import UsageError, WholeNumber
 from replay.cli.reading import Reading
 from replay.cli.regress_plan import check_flags, settings_of
 from replay.cli.settings import RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags
@@ -73,15 +73,15 @@ def run(
     out: pathlib.Path = pathlib.Path("runs"),
     resume: Annotated[bool, Parameter(negative=())] = False,
     against: str | None = None,
-    jobs: int = 2,
+    jobs: WholeNumber = 2,
     scheduler: str | None = None,
     recordings: Recordings = "changed",
-    seed: int | None = None,
+    seed: WholeNumber | None = None,
     time_limit: float = 120.0,
-    memory_limit: int = 4096,
+    memory_limit: WholeNumber = 4096,
     config: pathlib.Path | None = None,
     set_: Annotated[list[str] | None, Parameter(name="--set", negative=())] = None,
-    shuffle: int | None = None,
+    shuffle: WholeNumber | None = None,
     common: Annotated[Common | None, _FLAT] = None,
     reading: Annotated[Reading | None, _FLAT] = None,
     weights: Annotated[WeightFlags | None, _FLAT] = None,

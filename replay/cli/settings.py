@@ -40,7 +40,8 @@ class RunOptions:
 
     method: tuple[str, ...] | None = None
     """A method to run, by name; several with commas between, or by giving this several times. Names joined by +, as in
-    A+B, run one after the other, each from where the one before ended. All methods, each by itself, by default."""
+    A+B, run one after the other, each from where the one before ended. All methods, each by itself, by default, and
+    where it is `all`."""
     seed: int = 0
     """Seed for every method that has one."""
     recording: bool = True
@@ -51,7 +52,7 @@ class RunOptions:
     memory_limit: int = 4096
     """Memory that the process of a method may use [MiB]; a method that needs more fails."""
     jobs: int = 2
-    """Methods of a case that run at the same time; no more than this computer has cores."""
+    """Methods of a case that run at the same time; of more than this computer has cores, as many as it has."""
 
     def __post_init__(self) -> None:
         if not self.time_limit > 0.0:
@@ -104,7 +105,7 @@ def settled(layers: Iterable[Layer]) -> Settings:
         for group, options in layer.items():
             values[group] |= options
     if named_methods := values[RUN].get("method"):
-        values[RUN]["method"] = tuple(name.strip() for names in named_methods for name in names.split(","))
+        values[RUN]["method"] = tuple(_names(named_methods))
     try:
         run = RunOptions(**values[RUN])
     except ValueError as error:
@@ -116,6 +117,12 @@ def settled(layers: Iterable[Layer]) -> Settings:
         read=read_options(values[READ]),
         weights=with_flags(Weights(), values[WEIGHTS], WEIGHTS),
     )
+
+
+def _names(given: Iterable[str]) -> Iterable[str]:
+    """The names of methods and chains in texts of several, in small letters as they are; `all` stands for all."""
+    for name in (name.strip().lower() for text in given for name in text.split(",")):
+        yield from METHODS if name == "all" else (name,)
 
 
 def _method(name: str, plain: Method, values: Mapping[str, Any], seed: int) -> Method:

@@ -56,6 +56,7 @@ def _indent(line: str) -> int:
 _EXAMPLES = {
     "optimize": "optimize recordings/bay_01.mcap --out out",
     "info": "info recordings/bay_01.mcap",
+    "vehicle": "vehicle > truck.toml",
     "audit": "audit out/bay_01.results.json",
     "report": "report runs/RUN",
     "view": "view runs/RUN",

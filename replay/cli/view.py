@@ -10,6 +10,7 @@ from rich.table import Table
 
 from replay.cli.console import Common, Voice
 from replay.cli.invoked import program, to_paste
+from replay.cli.options import WholeNumber
 from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError, printable
 
@@ -24,7 +25,7 @@ def view(
     run: pathlib.Path,
     /,
     *,
-    port: int = 0,
+    port: WholeNumber = 0,
     common: Annotated[Common | None, Parameter(name="*")] = None,
 ) -> int:
     """Serve the recordings of a run as one Rerun dataset: a table to sort, and a link to each recording.

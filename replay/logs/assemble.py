@@ -17,7 +17,7 @@ from replay.logs.checks import check_ends, check_fit, check_recorded, deviation,
 from replay.logs.content import PoseSeries
 from replay.logs.folder import open_log
 from replay.logs.frames import Frames, frame_name, in_frame
-from replay.logs.hitch import Angles, Hitch, combined, sources
+from replay.logs.hitch import FRAME_WORD, Angles, Hitch, combined, sources
 from replay.logs.maps import LogMap, Maps
 from replay.logs.options import ReadOptions
 from replay.logs.pairing import TOLERANCE, hitch_angles, hitch_misfit, trailer_at_poses
@@ -26,9 +26,19 @@ from replay.logs.poses import RecordedPoses, kept_indices, recorded_poses, to_pl
 from replay.logs.records import Log
 from replay.logs.repair import repaired
 from replay.logs.roles import truck_and_trailer
-from replay.logs.stated import at_rear_axle, reference_offset, start_direction, steer_notes, with_stated_gears
+from replay.logs.stated import (
+    at_rear_axle,
+    reference_offset,
+    references,
+    start_direction,
+    steer_notes,
+    with_stated_gears,
+)
 from replay.logs.topics import Topic, choose_map, choose_paths, is_wanted, refused, topics_of
-from replay.logs.vehicle import nodes_of, vehicle_of
+from replay.logs.vehicle import nodes_of, vehicle_in
+
+_NOTED_LENGTH = 0.03
+"""Difference between hitch_to_axle and what the paths say from which a note tells it [m]: noise averages to less."""
 
 
 def read_cases(path: str | os.PathLike[str], options: ReadOptions | None = None) -> list[Case]:
@@ -46,10 +56,7 @@ def cases_of(log: Log, options: ReadOptions) -> list[Case]:
     topics = topics_of(log)
     map_topic = choose_map(log, topics, options.map_topic)
     trucks, trailers = choose_paths(log, topics, options.path_topic, options.trailer_topic)
-    try:
-        vehicle, notes = (options.vehicle, []) if options.vehicle else vehicle_of(log.metadata)
-    except Refusal as error:
-        raise LogError(error.code, log.path, str(error)) from None
+    vehicle, notes = (options.vehicle, []) if options.vehicle else vehicle_in(log)
     frames = Frames(topics)
     maps = Maps(map_topic, options, frames)
     truck, trailer = truck_and_trailer(
@@ -61,6 +68,7 @@ def cases_of(log: Log, options: ReadOptions) -> list[Case]:
         offset=reference_offset(vehicle, options),
         frames=frames,
     )
+    notes += _doubts(vehicle, truck, trailer, options)
     reader = _Reader(
         log=log,
         topics=topics,
@@ -72,6 +80,18 @@ def cases_of(log: Log, options: ReadOptions) -> list[Case]:
         notes=(*log.warnings, *notes),
     )
     return reader.cases()
+
+
+def _doubts(vehicle: Vehicle, truck: Topic, trailer: Topic | None, options: ReadOptions) -> list[str]:
+    """Notes about what is used as it is, and may be meant otherwise or be of no use to some methods."""
+    notes = []
+    if vehicle.hitch_offset != 0.0:
+        needs = "shortcut and cpo need 0 and will fail; ddp, nlp and scp do not"
+        notes.append(f"hitch_offset is {vehicle.hitch_offset:g} m: {needs}")
+    if trailer is None and options.path_topic is None and FRAME_WORD in truck.name.lower():
+        name = printable(truck.name, 60)
+        notes.append(f"the only path, {name!r}, is taken as the truck's, and its name says trailer: is that right?")
+    return notes
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -118,7 +138,8 @@ class _Reader:
                 errors += [error] if chosen in (None, number) else []
             number += 1
         if not cases and not errors:
-            raise LogError("E_NO_TOPIC", self.log.path, f"--case {chosen}: it holds {number} requests, from 0 on")
+            held = "one request, number 0" if number == 1 else f"{number} requests, numbers 0 to {number - 1}"
+            raise LogError("E_NO_TOPIC", self.log.path, f"--case {chosen}: it holds {held}")
         if not cases:
             raise errors[0]
         repeated = len(self.truck.messages) - number
@@ -168,7 +189,7 @@ class _Reader:
         hitch = self._hitch(request, plane, recorded, log_map.centre)
         alpha = hitch.alpha
         fit, repairs = repaired(self.vehicle, log_map.scene, recorded, alpha, hitch.initial)
-        check_fit(recorded, fit)
+        check_fit(recorded, fit, hitch.sign_of)
         log_map.check_under(self.vehicle, _states(fit))
         nodes, node_notes = self._nodes(recorded, fit)
         problem = Problem(
@@ -182,7 +203,8 @@ class _Reader:
         checks = check_recorded(problem, recorded, fit, alpha, log_map.hint)
         checks += steer_notes(recorded, fit, request.series)
         checks += hitch_notes(problem, recorded, fit) if alpha is None else []
-        before = (*notes, *log_map.notes, *frame_notes, *planar_notes, *recorded.notes, *hitch.notes)
+        of_path = [self._of_path(note) for note in (*frame_notes, *planar_notes, *recorded.notes)]
+        before = (*notes, *log_map.notes, *of_path, *hitch.notes)
         off = deviation(plane, recorded, fit)
         read = ReadReport(
             poses=len(plane),
@@ -218,19 +240,21 @@ class _Reader:
 
     def _hitch(self, request: _Request, plane: Array, recorded: RecordedPoses, centre: Array) -> Hitch:
         """Hitch angles at the kept poses, from the best source that there is."""
-        alpha = self._from_trailer(request, plane, recorded, centre)
+        alpha, paths_notes = self._from_trailer(request, plane, recorded, centre)
         frame = frame_name(request.series.header.frame)
         if frame not in self._angles:
             self._angles[frame] = sources(self.topics, self.maps.frames, frame, self.options)
         others, notes = self._angles[frame]
         initial = self.options.initial_hitch
         hitch = combined(alpha, others, recorded, request.series, request.log_time, initial)
-        return hitch._replace(notes=[*notes, *hitch.notes])
+        return hitch._replace(notes=[*paths_notes, *notes, *hitch.notes])
 
-    def _from_trailer(self, request: _Request, plane: Array, recorded: RecordedPoses, centre: Array) -> Array | None:
-        """Hitch angles at the kept poses, shape (n,), or None without a trailer path."""
+    def _from_trailer(
+        self, request: _Request, plane: Array, recorded: RecordedPoses, centre: Array
+    ) -> tuple[Array | None, list[str]]:
+        """Hitch angles at the kept poses, shape (n,), or None without a trailer path; and notes."""
         if request.trailer is None:
-            return None
+            return None, []
         assert self.trailer is not None, "a request has a trailer's path only where the log has its topic"
         trailer, _ = to_plane(request.trailer, centre)
         length = self.vehicle.hitch_to_axle
@@ -241,8 +265,31 @@ class _Reader:
                 f"the trailer's path {printable(self.trailer.name, 60)!r} lies {misfit:.2f} m (median) from where "
                 f"hitch_to_axle = {length:g} m puts it, expected at most {TOLERANCE:g} m"
             )
-            raise Refusal("E_HITCH", text)
-        return hitch_angles(at[:, 2] - recorded.poses[:, 2])
+            raise Refusal("E_HITCH", text + self._other_reference(recorded, at))
+        return hitch_angles(at[:, 2] - recorded.poses[:, 2]), self._length_notes(recorded, at)
+
+    def _other_reference(self, recorded: RecordedPoses, at: Array) -> str:
+        """Which --reference would put the trailer's axle where it is, for an error; empty where none does."""
+        taken = reference_offset(self.vehicle, self.options)
+        for name, ahead in references(self.vehicle).items():
+            moved = at_rear_axle(recorded.poses, ahead - taken)
+            if np.median(hitch_misfit(moved, at, self.vehicle.hitch_to_axle)) <= TOLERANCE:
+                return f"; try --reference {name}"
+        return ""
+
+    def _length_notes(self, recorded: RecordedPoses, at: Array) -> list[str]:
+        """Where the paths themselves speak for another length of the trailer."""
+        if self.vehicle.hitch_offset != 0.0:
+            return []
+        found = float(np.median(np.hypot(*(recorded.poses[:, :2] - at[:, :2]).T)))
+        if abs(found - self.vehicle.hitch_to_axle) <= _NOTED_LENGTH:
+            return []
+        length = f"hitch_to_axle is {self.vehicle.hitch_to_axle:g} m"
+        return [f"the trailer's path lies {found:.2f} m behind the truck's, and {length}: is that right?"]
+
+    def _of_path(self, note: str) -> str:
+        """A note about a path, its topic named where it speaks of `it`: it stands beside notes about other things."""
+        return f"path {printable(self.truck.name, 60)!r}: {note}" if note.startswith(("it ", "its ")) else note
 
     def _nodes(self, recorded: RecordedPoses, fit: Fit) -> tuple[Array | None, list[str]]:
         indices = nodes_of(self.log.metadata, len(recorded.nearest))

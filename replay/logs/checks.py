@@ -26,6 +26,7 @@ LIMIT_SLACK = 1e-3
 """Limits may be exceeded by this factor before a note says so, as in the audit."""
 _PLACES = 11  # of a path that are tried for each pose
 BODIES = ("truck", "trailer")
+_ASK_REFERENCE = "are the poses those of the truck's rear axle (--reference), and is the wheelbase right?"
 
 
 class Deviation(NamedTuple):
@@ -37,22 +38,31 @@ class Deviation(NamedTuple):
     rms_turn: float  # [rad]
 
 
-def check_fit(recorded: RecordedPoses, fit: Fit) -> None:
-    """Raise Refusal (E_KINEMATICS) if no drivable path was found near the poses."""
+def check_fit(recorded: RecordedPoses, fit: Fit, sign_of: str = "") -> None:
+    """Raise Refusal (E_KINEMATICS) if no drivable path was found near the poses.
+
+    sign_of: what gave the hitch angles, if their sign is a matter of convention.
+    """
     row = int(np.argmax(fit.position_error))
     off, most = float(fit.position_error[row]), LARGEST_DEVIATION + 5.0 * recorded.noise.position
     where = _place(recorded, fit, float(fit.pose_s[row]))
     if not fit.defect <= LARGEST_DEFECT:
         text = (
-            f"no drivable path was found near its poses: the kinematics break by {fit.defect:.2g} m or rad, and the "
-            f"path is up to {off:.2f} m from them ({where})"
+            f"no drivable path was found near its poses: the best one jumps by {fit.defect:.2g} (in m, or in rad) "
+            f"between its samples, and is up to {off:.2f} m from them ({where})"
         )
+        text += f"; {_ask_sign(sign_of) if sign_of else _ASK_REFERENCE}"
         raise Refusal("E_KINEMATICS", text)
     if not off <= most:
         text = (
             f"the drivable path nearest to its poses is {off:.2f} m from them ({where}), expected at most {most:.2g} m"
+            f"; {_ask_sign(sign_of) if sign_of else _ASK_REFERENCE}"
         )
         raise Refusal("E_KINEMATICS", text)
+
+
+def _ask_sign(source: str) -> str:
+    return f"is the sign of {source} right, the trailer's heading minus the truck's?"
 
 
 def check_ends(problem: Problem, hint: Callable[[Array], str], is_reconstructed: bool) -> None:
@@ -129,7 +139,8 @@ def check_recorded(
         *_collisions(problem, recorded, fit, hint),
     ]
     if alpha is None and np.abs(problem.recorded.samples.states[:, 3]).max() >= np.pi / 2.0:
-        notes.append("the hitch angle that the motion asks for reaches 90 degrees; is the initial hitch angle right?")
+        asked = f"is the initial hitch angle right? {_ASK_REFERENCE}"
+        notes.append(f"the hitch angle that the motion asks for reaches 90 degrees; {asked}")
     return notes
 
 

@@ -28,17 +28,22 @@ class Frames:
     """The transforms of a log. They are decoded only when two frames differ."""
 
     def __init__(self, topics: Sequence[Topic]) -> None:
+        self._moves: dict[tuple[str, str], Array] = {}
+        """How far a frame moves from where it is first [m], and how far it turns [rad], where it does. Shape (2,)."""
         self._topics = [topic for topic in topics if topic.family.role == "transforms"]
 
     @cached_property
     def _links(self) -> dict[tuple[str, str], Array | None]:
         """Pose of the second frame in the first, shape (7,), by pairs; None where it changes in the log."""
         links: dict[tuple[str, str], Array | None] = {}
+        first: dict[tuple[str, str], Array] = {}
         for transform in self.every():
             pair = frame_name(transform.header.frame), frame_name(transform.child)
-            known = links.setdefault(pair, transform.pose)
-            if known is not None and known is not transform.pose and not _is_same(known, transform.pose):
+            known = first.setdefault(pair, transform.pose)
+            links.setdefault(pair, known)
+            if known is not transform.pose and not _is_same(known, transform.pose):
                 links[pair] = None
+                self._moves[pair] = np.maximum(self._moves.get(pair, 0.0), _moved_by(known, transform.pose))
             if len(links) > MOST_FRAMES:
                 raise Refusal("E_FRAME", f"its transforms name more than {MOST_FRAMES} pairs of frames")
         return links
@@ -72,17 +77,17 @@ class Frames:
             beside.setdefault(child, []).append((parent, pose, True))
             beside.setdefault(parent, []).append((child, pose, False))
         from_where: dict[str, tuple[str, Array, bool] | None] = {source: None}
-        todo, moving = deque([source]), False
+        todo, moving = deque([source]), ""
         while todo and target not in from_where:
             here = todo.popleft()
             for there, pose, is_forward in beside.get(here, []):
                 if pose is None:
-                    moving |= there == target or here == target
+                    moving = self._movement(here, there) if target in (here, there) else moving
                 elif there not in from_where:
                     from_where[there] = here, pose, is_forward
                     todo.append(there)
         if target not in from_where:
-            why = "they move against each other" if moving else "no static transform between them is in the log"
+            why = moving or "no static transform between them is in the log"
             raise Refusal("E_FRAME", f"frames {printable(source, 60)!r} and {printable(target, 60)!r}: {why}")
         way: list[tuple[Array, bool]] = []
         last = from_where[target]
@@ -91,6 +96,12 @@ class Frames:
             way.append((pose, is_forward))
             last = from_where[here]
         return way[::-1]
+
+    def _movement(self, frame: str, other: str) -> str:
+        shift, turn = self._moves[(frame, other) if (frame, other) in self._moves else (other, frame)]
+        if not np.isfinite(shift + turn):
+            return "they move against each other"
+        return f"they move against each other, by up to {shift:.3g} m and {np.degrees(turn):.2f} degrees"
 
 
 def in_frame(series: PoseSeries, target: str, where: str, frames: Frames) -> tuple[PoseSeries, list[str]]:
@@ -122,6 +133,13 @@ def _is_same(pose: Array, other: Array) -> bool:
     with np.errstate(over="ignore", invalid="ignore"):  # nothing has checked these values yet
         sign = 1.0 if pose[3:] @ other[3:] >= 0.0 else -1.0
         return bool(np.abs(pose - other * [1.0, 1.0, 1.0, sign, sign, sign, sign]).max() <= STILL)
+
+
+def _moved_by(pose: Array, other: Array) -> Array:
+    """Distance [m] and angle [rad] between two transforms (7,). Shape (2,)."""
+    with np.errstate(over="ignore", invalid="ignore"):  # nothing has checked these values yet
+        half = np.arccos(np.clip(np.abs(pose[3:] @ other[3:]), 0.0, 1.0))
+        return np.array([float(np.linalg.norm(pose[:3] - other[:3])), 2.0 * float(half)])
 
 
 def _checked(pose: Array) -> tuple[Array, Array]:

@@ -46,6 +46,8 @@ class Hitch(NamedTuple):
     """At each kept pose [rad], shape (n,), or None: it is integrated from `initial`."""
     initial: float
     notes: list[str]
+    sign_of: str = ""
+    """What gave `alpha`, where its sign is a matter of convention."""
 
 
 def sources(
@@ -158,8 +160,20 @@ def at_poses(angles: Angles, recorded: RecordedPoses, series: PoseSeries, log_ti
         alpha = values[max(0, int(np.searchsorted(angles.times, time, side="right")) - 1)][None]
     if angles.is_heading:
         alpha = alpha - recorded.poses[: len(alpha), 2]
-    alpha = hitch_angles(alpha, angles.name)
+    try:
+        alpha = hitch_angles(alpha, of_poses=False)
+    except Refusal:
+        if not angles.is_heading:
+            _refuse_degrees(angles)
+        raise
     return alpha if len(alpha) > 1 else float(alpha[0])
+
+
+def _refuse_degrees(angles: Angles) -> None:
+    """E_HITCH for a largest angle that no hitch has in radians, and many have in degrees."""
+    largest = float(angles.values[np.argmax(np.abs(angles.values))])
+    if np.pi < abs(largest) < 180.0:
+        raise Refusal("E_HITCH", f"it holds an angle of {largest:.1f} rad, expected below 1.57: is it in degrees?")
 
 
 def combined(
@@ -196,4 +210,4 @@ def combined(
     if not isinstance(best, np.ndarray):
         notes.append(f"the hitch angle at the first pose, {best:.3f} rad, is that of {name}")
         return Hitch("reconstructed", None, best, notes)
-    return Hitch(kind, best, initial, notes)
+    return Hitch(kind, best, initial, notes, name if kind == "joint" else "")

@@ -27,13 +27,16 @@ class ReadOptions:
     height: float = 4.2
     """Markers wholly above this height are no obstacles [m]."""
     hitch_joint: str | None = None
-    """Joint whose angle is the hitch's; by default the one whose name says so."""
+    """Joint whose angle [rad] is the hitch's, trailer's heading minus truck's; by default the one whose name says
+    so."""
     trailer_frame: str | None = None
     """Frame of the trailer in the log's transforms; by default the one whose name says so."""
     initial_hitch: float = 0.0
-    """Hitch angle at the first pose, where the log does not give it [rad]."""
+    """Hitch angle at the first pose, where the log does not give it [rad]: the trailer's heading minus the truck's,
+    positive where the trailer is turned counter-clockwise from the truck, seen from above."""
     reference: Literal["rear-axle", "centre", "front-axle"] = "rear-axle"
-    """Point of the truck that the poses of its path are of."""
+    """Point of the truck that the poses of its path are of; centre: of its outline, (truck_front - truck_rear) / 2
+    ahead of the rear axle."""
     reference_offset: float = 0.0
     """How far ahead of that point they are [m]."""
     start_direction: Literal[1, -1] = 1
@@ -43,7 +46,7 @@ class ReadOptions:
 
     def __post_init__(self) -> None:
         if not 1 <= self.occupied_from <= 100:
-            raise ValueError(f"occupied_from is {self.occupied_from}, expected 1 to 100")
+            raise ValueError(f"occupied_from is {self.occupied_from}, expected 1 to 100 percent")
         if not abs(self.initial_hitch) < 1.57:
             raise ValueError(f"initial_hitch is {self.initial_hitch} rad, expected less than 1.57 in size")
         if not 0.0 <= self.margin <= 10.0:

@@ -37,10 +37,10 @@ def hitch_misfit(truck: Array, trailer: Array, hitch_to_axle: float) -> Array:
     return np.hypot(*(truck[:, :2] - ahead - trailer[:, :2]).T)
 
 
-def hitch_angles(angle: Array, name: str = "") -> Array:
+def hitch_angles(angle: Array, *, of_poses: bool = True) -> Array:
     """Angles between trailer and truck at the kept poses (n,), made continuous [rad]. Shape (n,).
 
-    `name`: what they are of, for the error; by default it names the pose.
+    `of_poses`: whether the error is to name the pose.
 
     Raises:
         Refusal: a right angle or more somewhere; no trailer is towed like that.
@@ -48,8 +48,8 @@ def hitch_angles(angle: Array, name: str = "") -> Array:
     alpha = np.unwrap(np.arctan2(np.sin(angle), np.cos(angle)))
     row = int(np.argmax(np.abs(alpha)))
     if abs(alpha[row]) >= np.pi / 2.0:
-        where = name or f"pose {row}"
-        raise Refusal("E_HITCH", f"{where}: the hitch angle is {np.degrees(alpha[row]):.0f} degrees, expected below 90")
+        where = f"pose {row}: " if of_poses else ""
+        raise Refusal("E_HITCH", f"{where}the hitch angle is {np.degrees(alpha[row]):.0f} degrees, expected below 90")
     return alpha
 
 

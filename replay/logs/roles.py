@@ -10,7 +10,7 @@ from replay.logs.frames import Frames, frame_name, in_frame
 from replay.logs.pairing import TOLERANCE, hitch_misfit, trailer_at_poses
 from replay.logs.planar import Refusal
 from replay.logs.poses import recorded_poses, to_plane
-from replay.logs.stated import at_rear_axle
+from replay.logs.stated import at_rear_axle, references
 from replay.logs.topics import Topic, refused, titles
 
 MOST_CANDIDATES = 8
@@ -59,11 +59,16 @@ def truck_and_trailer(
         nearest = min(misfit for misfit, _ in misfits.values())
         place = f"where hitch_to_axle = {vehicle.hitch_to_axle:g} m puts it"
         found += f" (the nearest axle is {nearest:.2f} m from {place}, expected at most {TOLERANCE:g} m)"
+        for name, ahead in references(vehicle).items():
+            if any(_misfit(a, b, vehicle, ahead, frames)[0] <= TOLERANCE for a, b in misfits):
+                raise _ambiguous(every, found, f"as poses of the truck's {name} they do: try --reference {name}")
     raise _ambiguous(every, found)
 
 
-def _ambiguous(topics: list[Topic], found: str) -> LogError:
-    text = f"{len(topics)} topics hold a path, {found}: {titles(topics)}; choose with --path-topic and --trailer-topic"
+def _ambiguous(
+    topics: list[Topic], found: str, advice: str = "choose with --path-topic and --trailer-topic"
+) -> LogError:
+    text = f"{len(topics)} topics hold a path, {found}: {titles(topics)}; {advice}"
     return LogError("E_AMBIGUOUS", topics[0].log.path, text)
 
 

@@ -23,12 +23,13 @@ NOTED_STEER = 0.05
 
 def reference_offset(vehicle: Vehicle, options: ReadOptions) -> float:
     """How far ahead of the rear axle the poses of a path are [m]."""
-    points = {
-        "rear-axle": 0.0,
-        "centre": (vehicle.truck_front - vehicle.truck_rear) / 2.0,
-        "front-axle": vehicle.wheelbase,
-    }
-    return points[options.reference] + options.reference_offset
+    return references(vehicle)[options.reference] + options.reference_offset
+
+
+def references(vehicle: Vehicle) -> dict[str, float]:
+    """The points of a truck that --reference names, and how far ahead of the rear axle each is [m]."""
+    centre = (vehicle.truck_front - vehicle.truck_rear) / 2.0
+    return {"rear-axle": 0.0, "centre": centre, "front-axle": vehicle.wheelbase}
 
 
 def at_rear_axle(plane: Array, offset: float) -> Array:

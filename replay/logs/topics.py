@@ -53,7 +53,8 @@ class Topic:
     @property
     def where(self) -> str:
         """How errors begin."""
-        return f"{self.family.role} topic {printable(self.name, 80)!r}"
+        role = "pose" if self.family.role == "stream" else self.family.role
+        return f"{role} topic {printable(self.name, 80)!r}"
 
     def fail(self, code: str, text: str, index: int | None = None) -> NoReturn:
         """Raise a LogError that names the topic, and the message if `index` is given."""

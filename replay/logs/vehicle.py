@@ -9,13 +9,21 @@ import numpy as np
 
 from optim.arrays import IntArray
 from optim.vehicle import BEYOND_AXLES, Vehicle
-from replay.errors import printable
+from replay.errors import LogError, printable
 from replay.logs.planar import Refusal
-from replay.logs.records import Metadata
+from replay.logs.records import Log, Metadata
 
 REQUIRED = ("wheelbase", "hitch_to_axle")
 MAX_NODES_TEXT = 1 << 20
 """Longest list of node indices [characters]."""
+
+
+def vehicle_in(log: Log) -> tuple[Vehicle, list[str]]:
+    """`vehicle_of` the metadata of a log. Raises LogError (E_VEHICLE)."""
+    try:
+        return vehicle_of(log.metadata)
+    except Refusal as error:
+        raise LogError(error.code, log.path, str(error)) from None
 
 
 def vehicle_of(metadata: Sequence[Metadata]) -> tuple[Vehicle, list[str]]:
