@@ -13,7 +13,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from optim.vehicle import Vehicle, roll_out
+from optim.vehicle import Vehicle, body_poses, roll_out
 from replay.case import Case
 from replay.errors import LogError
 from replay.logs import ReadOptions, read_cases
@@ -307,9 +307,9 @@ def drive(vehicle: Vehicle | None = None, reverse: float = 6.0, step: float = 0.
     s = np.arange(0.0, reverse + 1e-9, step)
     back = roll_out(vehicle, there[-1], s, 0.1 * np.sin(np.pi * s / 6.0), -1)
     states = np.concatenate([there, back[1:]])
-    heading = states[:, 2] + states[:, 3]
-    axle = states[:, :2] - vehicle.hitch_to_axle * np.stack([np.cos(heading), np.sin(heading)], axis=1)
-    return states[:, :3], np.column_stack([axle, heading])
+    hitch = body_poses(vehicle, states)[:, 1]
+    axle = hitch[:, :2] - vehicle.hitch_to_axle * np.stack([np.cos(hitch[:, 2]), np.sin(hitch[:, 2])], axis=1)
+    return states[:, :3], np.column_stack([axle, hitch[:, 2]])
 
 
 def sound_log(trailer: bool = True, **options: Any) -> LogMaker:

@@ -92,6 +92,16 @@ def test_methods_that_need_the_hitch_over_the_axle_say_so(read: Read) -> None:
             assert result.reason.startswith("hitch_offset is 0.3 m; this method needs")
 
 
+@pytest.mark.parametrize("step", [1, 2], ids=["as many poses", "half as many"])
+def test_a_hitch_behind_the_axle_fits_its_trailer_path(read: Read, step: int) -> None:
+    vehicle = Vehicle(hitch_offset=0.6)
+    truck, axle = make.drive(vehicle)
+    maker = make.log_of(make.path(truck), make.path(axle[::step]))
+    (case,) = read(maker, vehicle=vehicle)
+    assert case.read.hitch == "trailer path"
+    assert case.read.max_deviation_m < 0.02
+
+
 def test_frames_that_move_are_refused_with_how_far(refusal: Refusal) -> None:
     maker = make.log_of(make.path(TRUCK, "odom"))
     for number, shift in enumerate((0.0, 0.05, 0.02)):

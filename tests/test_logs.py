@@ -78,8 +78,8 @@ def test_without_stamps_unequal_counts_are_arranged_along_both_paths() -> None:
     fine, axle = make.drive(step=0.05)
     coarse = np.unique([*range(0, len(axle), 7), len(axle) - 1])
     series = PoseSeries(header=Header(0, ""), stamps=np.zeros(9, np.int64), poses=np.zeros((9, 7)), frames=frozenset())
-    found = trailer_at_poses(fine, series, axle[coarse], series, Vehicle().hitch_to_axle)
-    assert np.median(hitch_misfit(fine, found, Vehicle().hitch_to_axle)) < 0.03
+    found = trailer_at_poses(fine, series, axle[coarse], series, Vehicle())
+    assert np.median(hitch_misfit(fine, found, Vehicle())) < 0.03
     assert np.abs(found - axle).max() < 0.1
 
 

@@ -257,13 +257,12 @@ class _Reader:
             return None, []
         assert self.trailer is not None, "a request has a trailer's path only where the log has its topic"
         trailer, _ = to_plane(request.trailer, centre)
-        length = self.vehicle.hitch_to_axle
-        at = recorded.averaged(trailer_at_poses(plane, request.series, trailer, request.trailer, length))
-        misfit = float(np.median(hitch_misfit(recorded.poses, at, length)))
+        at = recorded.averaged(trailer_at_poses(plane, request.series, trailer, request.trailer, self.vehicle))
+        misfit = float(np.median(hitch_misfit(recorded.poses, at, self.vehicle)))
         if misfit > TOLERANCE:
             text = (
                 f"the trailer's path {printable(self.trailer.name, 60)!r} lies {misfit:.2f} m (median) from where "
-                f"hitch_to_axle = {length:g} m puts it, expected at most {TOLERANCE:g} m"
+                f"hitch_to_axle = {self.vehicle.hitch_to_axle:g} m puts it, expected at most {TOLERANCE:g} m"
             )
             raise Refusal("E_HITCH", text + self._other_reference(recorded, at))
         return hitch_angles(at[:, 2] - recorded.poses[:, 2]), self._length_notes(recorded, at)
@@ -273,7 +272,7 @@ class _Reader:
         taken = reference_offset(self.vehicle, self.options)
         for name, ahead in references(self.vehicle).items():
             moved = at_rear_axle(recorded.poses, ahead - taken)
-            if np.median(hitch_misfit(moved, at, self.vehicle.hitch_to_axle)) <= TOLERANCE:
+            if np.median(hitch_misfit(moved, at, self.vehicle)) <= TOLERANCE:
                 return f"; try --reference {name}"
         return ""
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from optim.arrays import Array, IntArray
+from optim.vehicle import Vehicle
 from replay.logs.content import PoseSeries
 from replay.logs.planar import Refusal
 
@@ -13,7 +14,7 @@ _MAX_TABLE = 20_000_000  # entries of the table of that search
 
 
 def trailer_at_poses(
-    truck: Array, truck_series: PoseSeries, trailer: Array, trailer_series: PoseSeries, hitch_to_axle: float
+    truck: Array, truck_series: PoseSeries, trailer: Array, trailer_series: PoseSeries, vehicle: Vehicle
 ) -> Array:
     """The trailer's axle (x, y, heading) at each of n truck poses (n, 3), from m trailer poses (m, 3). Shape (n, 3).
 
@@ -28,13 +29,23 @@ def trailer_at_poses(
         return at_stamps(truck_series.stamps, trailer_series.stamps, trailer, "the trailer's path")
     if len(truck) == len(trailer):
         return trailer
-    return _by_arrangement(truck, trailer, hitch_to_axle)
+    return _by_arrangement(_hitch(truck, vehicle), trailer, vehicle.hitch_to_axle)
 
 
-def hitch_misfit(truck: Array, trailer: Array, hitch_to_axle: float) -> Array:
+def hitch_misfit(truck: Array, trailer: Array, vehicle: Vehicle) -> Array:
     """Distance of each trailer axle from the place behind the hitch that its heading asks for [m]. Shape (n,)."""
-    ahead = hitch_to_axle * np.stack([np.cos(trailer[:, 2]), np.sin(trailer[:, 2])], axis=1)
-    return np.hypot(*(truck[:, :2] - ahead - trailer[:, :2]).T)
+    behind = vehicle.hitch_to_axle * _along(trailer[:, 2])
+    return np.hypot(*(_hitch(truck, vehicle) - behind - trailer[:, :2]).T)
+
+
+def _hitch(truck: Array, vehicle: Vehicle) -> Array:
+    """Where the truck's poses put the hitch [m]. Shape (n, 2)."""
+    return truck[:, :2] - vehicle.hitch_offset * _along(truck[:, 2])
+
+
+def _along(heading: Array) -> Array:
+    """Unit vectors. Shape (n, 2)."""
+    return np.stack([np.cos(heading), np.sin(heading)], axis=1)
 
 
 def hitch_angles(angle: Array, *, of_poses: bool = True) -> Array:
@@ -71,29 +82,30 @@ def at_stamps(stamps: IntArray, known_stamps: IntArray, known: Array, what: str)
     return np.stack([np.interp(t, t_known, column) for column in known.T], axis=1)
 
 
-def _by_arrangement(truck: Array, trailer: Array, hitch_to_axle: float) -> Array:
+def _by_arrangement(hitch: Array, trailer: Array, hitch_to_axle: float) -> Array:
     """Both paths are run through once, monotonically, so that the sum of squared misfits is least.
 
-    Dynamic programming over (truck pose, point of the densified trailer path):
+    Dynamic programming over (hitch by the truck, point of the densified trailer path):
     D[i, j] = misfit[i, j]^2 + min over k <= j of D[i - 1, k].
     """
+    count = len(hitch)
     if len(trailer) < 2:
-        raise Refusal("E_PATH_PAIR", f"the trailer's path has {len(trailer)} poses, the truck's {len(truck)}")
-    density = min(_DENSITY, max(1, _MAX_TABLE // (len(truck) * len(trailer))))
-    if len(truck) * len(trailer) > _MAX_TABLE:
-        raise Refusal("E_PATH_PAIR", f"{len(truck)} and {len(trailer)} poses without stamps are too many to pair")
+        raise Refusal("E_PATH_PAIR", f"the trailer's path has {len(trailer)} poses, the truck's {count}")
+    density = min(_DENSITY, max(1, _MAX_TABLE // (count * len(trailer))))
+    if count * len(trailer) > _MAX_TABLE:
+        raise Refusal("E_PATH_PAIR", f"{count} and {len(trailer)} poses without stamps are too many to pair")
     place = np.arange((len(trailer) - 1) * density + 1) / density
     dense = np.stack([np.interp(place, np.arange(len(trailer)), column) for column in trailer.T], axis=1)
-    hitch = dense[:, :2] + hitch_to_axle * np.stack([np.cos(dense[:, 2]), np.sin(dense[:, 2])], axis=1)
+    ahead = dense[:, :2] + hitch_to_axle * _along(dense[:, 2])
     best = np.zeros(len(dense))
-    choice = np.empty((len(truck), len(dense)), np.int32)
-    for i, point in enumerate(truck[:, :2]):
+    choice = np.empty((count, len(dense)), np.int32)
+    for i, point in enumerate(hitch):
         running = np.minimum.accumulate(best)
         is_new = np.concatenate([[True], best[1:] < running[:-1]])
         choice[i] = np.maximum.accumulate(np.where(is_new, np.arange(len(best)), 0))
-        best = running + np.sum((hitch - point) ** 2, axis=1)
-    rows = np.empty(len(truck), np.int64)
+        best = running + np.sum((ahead - point) ** 2, axis=1)
+    rows = np.empty(count, np.int64)
     rows[-1] = int(np.argmin(best))
-    for i in range(len(truck) - 1, 0, -1):
+    for i in range(count - 1, 0, -1):
         rows[i - 1] = choice[i, rows[i]]
     return dense[rows]

@@ -95,10 +95,10 @@ def _misfit(truck: Topic, trailer: Topic, vehicle: Vehicle, offset: float, frame
         if trailer_series.header.frame != series.header.frame:
             moved, _ = in_frame(trailer_series, frame_name(series.header.frame), "the other path", frames)
             trailer_plane = _plane(moved)
-        at = trailer_at_poses(plane, series, trailer_plane, trailer_series, vehicle.hitch_to_axle)
+        at = trailer_at_poses(plane, series, trailer_plane, trailer_series, vehicle)
     except Refusal as error:
         return np.inf, str(error)
-    return float(np.median(hitch_misfit(plane, at, vehicle.hitch_to_axle))), ""
+    return float(np.median(hitch_misfit(plane, at, vehicle))), ""
 
 
 def _check_alone(topic: Topic) -> None:
