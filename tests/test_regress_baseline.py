@@ -172,3 +172,12 @@ def test_two_changed_trees_of_one_commit_have_two_names(tmp_path):
     (tmp_path / "optim" / "a.py").write_text("1")
     (tmp_path / "README.md").write_text("2")
     assert revision(tmp_path) == f"{clean}-dirty"
+    git("checkout", "-q", "README.md")
+    names = {revision(tmp_path)}
+    for text in ("1", "2"):
+        (tmp_path / "optim" / "new.py").write_text(text)
+        names.add(revision(tmp_path))
+    assert len(names) == 3, "a file that is not tracked is part of the program"
+    (tmp_path / "optim" / "new.py").unlink()
+    (tmp_path / "notes.txt").write_text("no part of it")
+    assert revision(tmp_path) == clean

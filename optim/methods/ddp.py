@@ -199,7 +199,7 @@ class _Teller:
         if finding is None:
             stop, reason = Stop.INFEASIBLE, f"no path found keeps everything: {self._lacking(descent)}; {gradient}"
         elif descent.gradient <= self.options.gradient_tolerance:
-            stop, reason = Stop.CONVERGED, f"converged: {gradient}"
+            stop, reason = Stop.CONVERGED, gradient
         else:
             stop = Stop.STALLED if descent.end is End.STALLED else Stop.ITERATION_LIMIT
             reason = f"all constraints are kept, yet it is not stationary: {gradient}"

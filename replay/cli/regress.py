@@ -17,7 +17,7 @@ from replay.cli.optimize import MethodFlags, WeightFlags
 from replay.cli.options import UsageError, WholeNumber
 from replay.cli.reading import Reading
 from replay.cli.regress_plan import check_flags, settings_of
-from replay.cli.settings import RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags
+from replay.cli.settings import RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags, method_names
 from replay.cli.usage import ExitStatus, reflowed
 from replay.errors import ReplayError
 from replay.files import WRITE_ERROR
@@ -192,7 +192,7 @@ def accept(
     file = _to_write(run, head, baseline)
     before = read_baseline(file) if file.exists() else Baseline()
     known = [Known(**issue) for issue in head.get("known") or ()]
-    wanted = Wanted(logs=only or (), methods=[name.strip() for names in method or () for name in names.split(",")])
+    wanted = Wanted(logs=only or (), methods=list(method_names(method or ())))
     done = accepted(before, store.documents(), known, head, wanted)
     made, changes = done.baseline, done.changes
     lost = sorted(before.logs.keys() - made.logs.keys())

@@ -105,7 +105,7 @@ def settled(layers: Iterable[Layer]) -> Settings:
         for group, options in layer.items():
             values[group] |= options
     if named_methods := values[RUN].get("method"):
-        values[RUN]["method"] = tuple(_names(named_methods))
+        values[RUN]["method"] = tuple(method_names(named_methods))
     try:
         run = RunOptions(**values[RUN])
     except ValueError as error:
@@ -119,7 +119,7 @@ def settled(layers: Iterable[Layer]) -> Settings:
     )
 
 
-def _names(given: Iterable[str]) -> Iterable[str]:
+def method_names(given: Iterable[str]) -> Iterable[str]:
     """The names of methods and chains in texts of several, in small letters as they are; `all` stands for all."""
     for name in (name.strip().lower() for text in given for name in text.split(",")):
         yield from METHODS if name == "all" else (name,)

@@ -1,5 +1,6 @@
 """What a run does with each log, and with which program: what decides its figures."""
 
+import contextlib
 import dataclasses
 import hashlib
 import json
@@ -63,13 +64,24 @@ def fingerprint(data: Any) -> str:
 def revision(sources: pathlib.Path = _SOURCES) -> str:
     """Of the program: the commit of its checkout, else its version.
 
-    Where files differ from the commit, -dirty follows, and a hash of how they do, as far as they are of the program.
+    Where files differ from the commit, -dirty follows, and a hash of how they do, as far as they are of the program:
+    also files that git does not track yet, as a further method's.
     """
     commit = _git(sources, "describe", "--always", "--dirty", "--exclude", "*", "--abbrev=12").decode().strip()
-    if not commit.endswith(DIRTY):
+    difference = _difference(sources) if commit else b""
+    if not difference:
         return commit or _version()
-    difference = _git(sources, "diff", "--binary", "--no-ext-diff", "HEAD", "--", "optim", "replay")
-    return f"{commit}-{hashlib.sha256(difference).hexdigest()[:8]}" if difference else commit
+    return f"{commit.removesuffix(DIRTY)}{DIRTY}-{hashlib.sha256(difference).hexdigest()[:8]}"
+
+
+def _difference(sources: pathlib.Path) -> bytes:
+    """How the packages differ from the commit; empty where they do not."""
+    packages = ("--", "optim", "replay")
+    parts = [_git(sources, "diff", "--binary", "--no-ext-diff", "HEAD", *packages)]
+    for name in filter(None, _git(sources, "ls-files", "--others", "--exclude-standard", "-z", *packages).split(b"\0")):
+        with contextlib.suppress(OSError):  # gone meanwhile
+            parts += [name, (sources / os.fsdecode(name)).read_bytes()]
+    return b"\0".join(filter(None, parts))
 
 
 def _git(folder: pathlib.Path, *arguments: str) -> bytes:
