@@ -10,11 +10,11 @@ import numpy as np
 from paths import random_path
 from scenes import blocks_beside
 
-from optim.audit import AuditReport, audit_path
-from optim.audit_data import COLUMNS
-from optim.objective import Weights, objective
-from optim.path import Path, Segment, roll_out_segment
-from optim.vehicle import Vehicle
+from optim.audit.checks import AuditReport, audit_path
+from optim.audit.data import COLUMNS
+from optim.model.objective import Weights, objective
+from optim.model.path import Path, Segment, roll_out_segment
+from optim.model.vehicle import Vehicle
 
 VEHICLE = Vehicle()
 Case = dict[str, Any]

@@ -10,8 +10,8 @@ front wheels' way in a step:
 import numpy as np
 from numba import njit
 
-from optim.arrays import Array
-from optim.ddp.backward import Expansion, Policy, new_expansion
+from optim.methods.ddp.backward import Expansion, Policy, new_expansion
+from optim.numerics.arrays import Array
 
 STEPS, STEP, WHEELBASE = 500, 0.03, 2.0
 START = np.array([1.0, 1.0, 1.5 * np.pi, 0.0])
@@ -68,7 +68,7 @@ def _roll_out(states, controls, k, gain, step, out, out_u):
 
 
 class CarParking:
-    """`optim.ddp.solver.Model`."""
+    """`optim.methods.ddp.solver.Model`."""
 
     def __init__(self, curvature: bool) -> None:
         self.expansion = new_expansion(STEPS, 4, 2, 3 if curvature else 0)

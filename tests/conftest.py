@@ -12,13 +12,13 @@ import run_maker as runs
 from hypothesis import settings
 from recording_reading import Contents, written
 
-from optim.result import Stop
-from replay.case import Case
-from replay.errors import LogError
-from replay.kernels import drop_stale
-from replay.logs.container import scan
-from replay.logs.records import Limits, Log
-from replay.run import Run
+from optim.model.result import Stop
+from replay.base.errors import LogError
+from replay.base.kernels import drop_stale
+from replay.logs.container.records import Limits, Log
+from replay.logs.container.scan import scan
+from replay.run.case import Case
+from replay.run.judge import Run
 
 drop_stale()
 settings.register_profile("replay", deadline=None, derandomize=True)  # the same examples on every machine

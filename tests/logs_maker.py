@@ -13,10 +13,10 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from optim.vehicle import Vehicle, body_poses, roll_out
-from replay.case import Case
-from replay.errors import LogError
+from optim.model.vehicle import Vehicle, body_poses, roll_out
+from replay.base.errors import LogError
 from replay.logs import ReadOptions, read_cases
+from replay.run.case import Case
 
 SECOND = 1_000_000_000
 GRID, PATH = "nav_msgs/msg/OccupancyGrid", "nav_msgs/msg/Path"

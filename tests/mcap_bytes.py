@@ -5,7 +5,7 @@ import zlib
 
 from logs_maker import LogMaker
 
-from replay.logs.records import MAGIC, Log
+from replay.logs.container.records import MAGIC, Log
 
 
 def text(value: str | bytes) -> bytes:

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from optim.path import Path, Segment, roll_out_segment
-from optim.vehicle import Vehicle, rk4_step
+from optim.model.path import Path, Segment, roll_out_segment
+from optim.model.vehicle import Vehicle, rk4_step
 
 
 def random_segment(

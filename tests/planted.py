@@ -5,9 +5,9 @@ import os
 import signal
 from dataclasses import dataclass
 
-from optim.methods.ddp import Ddp
-from optim.problem import Problem
-from optim.result import OnIterate, Result, ignore
+from optim.methods.ddp.method import Ddp
+from optim.model.problem import Problem
+from optim.model.result import OnIterate, Result, ignore
 
 
 def is_one_of(problem: Problem, lengths: tuple[float, ...]) -> bool:

@@ -9,14 +9,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from optim.methods import Method
-from optim.objective import objective
-from optim.path import Path, Segment, merge, reverse, roll_out_segment, segment_from_states
-from optim.problem import Problem
-from optim.result import Iterate, OnIterate, Result, Stop, ignore
-from optim.scene import Scene, make_scene
-from optim.vehicle import Vehicle, roll_out
-from replay.case import Case, MapImage, ReadReport
-from replay.run import Run, run_case
+from optim.model.objective import objective
+from optim.model.path import Path, Segment, merge, reverse, roll_out_segment, segment_from_states
+from optim.model.problem import Problem
+from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
+from optim.model.scene import Scene, make_scene
+from optim.model.vehicle import Vehicle, roll_out
+from replay.run.case import Case, MapImage, ReadReport
+from replay.run.judge import Run, run_case
 
 VEHICLE = Vehicle()
 START = np.array([-21.0, 27.0, 0.0, 0.0])

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from paths import straight
 
-from optim.path import Path
-from optim.problem import Problem
-from optim.result import Iterate, OnIterate, Result, Stop, ignore
-from optim.scene import make_scene
-from optim.vehicle import Vehicle
-from replay.case import Case, ReadReport
-from replay.results import write_results
-from replay.run import Run, run_case
+from optim.model.path import Path
+from optim.model.problem import Problem
+from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
+from optim.model.scene import make_scene
+from optim.model.vehicle import Vehicle
+from replay.run.case import Case, ReadReport
+from replay.run.judge import Run, run_case
+from replay.run.results import write_results
 
 Document = dict[str, Any]
 VEHICLE = Vehicle()

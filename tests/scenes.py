@@ -3,10 +3,10 @@
 import numpy as np
 from paths import random_path
 
-from optim.path import Path
-from optim.problem import Problem
-from optim.scene import make_scene
-from optim.vehicle import Vehicle, body_corners
+from optim.model.path import Path
+from optim.model.problem import Problem
+from optim.model.scene import make_scene
+from optim.model.vehicle import Vehicle, body_corners
 
 
 def blocks_beside(vehicle: Vehicle, path: Path, count: int, seed: int, room: float = 0.3) -> list[np.ndarray]:

@@ -28,9 +28,9 @@ from audit_cases import (
 from paths import random_path
 from scenes import blocks_beside
 
-import optim.audit
-from optim.audit import audit_recorded
-from optim.vehicle import Vehicle
+import optim.audit.checks
+from optim.audit.checks import audit_recorded
+from optim.model.vehicle import Vehicle
 
 
 def test_a_sound_path_with_a_cusp_passes_every_check() -> None:
@@ -121,13 +121,13 @@ def test_the_place_of_the_worst_value_is_named() -> None:
     assert place == {"segment": 0, "s": pytest.approx(5.0, abs=0.06)}
 
 
-MODULES = ("audit", "audit_data", "audit_motion", "audit_report")
+MODULES = ("checks", "data", "motion", "report")
 
 
 def test_the_audit_imports_nothing_that_a_method_uses() -> None:
     """In its sources, and in what a fresh interpreter has loaded after importing it."""
-    allowed = {"numpy", "shapely", *(f"optim.{name}" for name in MODULES)}
-    folder = pathlib.Path(optim.audit.__file__).parent
+    allowed = {"numpy", "shapely", *(f"optim.audit.{name}" for name in MODULES)}
+    folder = pathlib.Path(optim.audit.checks.__file__).parent
     for name in MODULES:
         for node in ast.walk(ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
@@ -135,9 +135,9 @@ def test_the_audit_imports_nothing_that_a_method_uses() -> None:
             for imported in names:
                 root = imported.partition(".")[0]
                 assert imported in allowed or root in allowed or root in sys.stdlib_module_names, imported
-    script = "import sys, optim.audit; print(*sorted(m for m in sys.modules if m.split('.')[0] in ('optim', 'numba')))"
+    script = "import sys, optim.audit.checks; print(*sorted(m for m in sys.modules if m[:5] in ('optim', 'numba')))"
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
-    assert set(loaded) == {"optim", *(f"optim.{name}" for name in MODULES)}
+    assert set(loaded) == {"optim", *(f"optim.audit.{name}" for name in MODULES)}
 
 
 def test_a_path_of_a_hundred_metres_takes_well_below_a_second() -> None:

@@ -7,10 +7,10 @@ import numpy as np
 import shapely
 from audit_cases import plain
 
-from optim.audit_data import read_path, read_vehicle
-from optim.audit_motion import excess, footprints
-from optim.path import Path, roll_out_segment
-from optim.vehicle import Vehicle
+from optim.audit.data import read_path, read_vehicle
+from optim.audit.motion import excess, footprints
+from optim.model.path import Path, roll_out_segment
+from optim.model.vehicle import Vehicle
 from tools.brute_collision import compare, dense_states, random_drive, random_vehicle
 
 

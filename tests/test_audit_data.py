@@ -11,8 +11,8 @@ from audit_cases import ALONE, SHORT, SOUND, SOUND_PATH, Case, add, audited, pla
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from optim.audit_data import COLUMNS
-from optim.path import reverse
+from optim.audit.data import COLUMNS
+from optim.model.path import reverse
 
 
 def moved_points(points: Any, angle: float, shift: np.ndarray) -> np.ndarray:

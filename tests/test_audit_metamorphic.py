@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from paths import random_path
 from scenes import blocks_beside
 
-from optim.audit_data import COLUMNS
-from optim.vehicle import Vehicle, roll_out
+from optim.audit.data import COLUMNS
+from optim.model.vehicle import Vehicle, roll_out
 
 names = st.sampled_from(["none", *ALONE])
 SHRINKING = ("truck_front", "truck_rear", "truck_width", "trailer_front", "trailer_rear", "trailer_width")

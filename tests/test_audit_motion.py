@@ -10,11 +10,11 @@ from audit_cases import SOUND, SOUND_PATH, VEHICLE, plain
 from paths import random_path
 from scenes import blocks_beside
 
-from optim.audit import audit_recorded
-from optim.audit_data import read_path, read_scene, read_vehicle
-from optim.audit_motion import footprints, inflation, integrate, sweep
-from optim.path import Path, roll_out_segment
-from optim.vehicle import Vehicle, body_corners, roll_out
+from optim.audit.checks import audit_recorded
+from optim.audit.data import read_path, read_scene, read_vehicle
+from optim.audit.motion import footprints, inflation, integrate, sweep
+from optim.model.path import Path, roll_out_segment
+from optim.model.vehicle import Vehicle, body_corners, roll_out
 
 
 def random_motion(rng: np.random.Generator, vehicle: Vehicle, ds: float) -> Path:

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import logs_maker as make
 import pytest
 
-from optim.vehicle import Vehicle
-from replay.case import Case
-from replay.errors import LogError
+from optim.model.vehicle import Vehicle
+from replay.base.errors import LogError
+from replay.run.case import Case
 from tools.bad_logs_vehicle import vehicle_message, with_vehicle
 
 VEHICLE = Vehicle()

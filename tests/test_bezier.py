@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_turns import DEFAULT, VEHICLES, largest_load, random_ends
 
-from optim.arrays import frozen
+from optim.numerics.arrays import frozen
 from optim.steering.bezier import bends_at, coefficients, derivatives, plan_bezier, sample_bezier
 from optim.steering.flat import limits
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scenes import random_problem
 
-from optim.audit import audit_path
+from optim.audit.checks import audit_path
 from optim.methods.chain import Chain, named
 from optim.methods.shortcut import Shortcut
-from optim.objective import objective
-from optim.problem import Problem, path_clearance
-from optim.result import Iterate, OnIterate, Result, Stop, ignore
-from replay.results import path_to_document, scene_to_document
+from optim.model.objective import objective
+from optim.model.problem import Problem, path_clearance
+from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
+from replay.run.results import path_to_document, scene_to_document
 
 TWICE = Chain(
     parts=(("shortcut", Shortcut(variant="deterministic")), ("shortcut", Shortcut(tries=150))),

@@ -10,8 +10,8 @@ import regress_help as help
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 
 from optim.methods import METHODS
+from replay.base.errors import ReplayError
 from replay.cli import main
-from replay.errors import ReplayError
 from replay.regress.baseline import Baseline
 from replay.regress.cluster import _do, check_address, connected, run_on_cluster
 from replay.regress.pool import run_here

@@ -4,10 +4,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapes import random_blocks, random_convex, random_states, signed_distance
 
-from optim.arrays import frozen
-from optim.collision import gap_along, point_kernel, separating_gap
-from optim.collision import signed_distance as kernel_distance
-from optim.geometry import pack
+from optim.geometry.collision import gap_along, point_kernel, separating_gap
+from optim.geometry.collision import signed_distance as kernel_distance
+from optim.geometry.polygons import pack
+from optim.numerics.arrays import frozen
 
 RECT = st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(-4, 4), st.floats(0.05, 7.0), st.floats(0.05, 2.0))
 

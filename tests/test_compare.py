@@ -10,11 +10,11 @@ from logs_maker import LogMaker, drive, grid, path, sound_log, yard
 from recording_reading import Contents
 
 import replay.cli
-from replay.compare import compare, overlay
-from replay.errors import ReplayError
-from replay.results import read_results, to_document
-from replay.stored import run_of
-from replay.style import lighter, styles
+from replay.base.errors import ReplayError
+from replay.base.style import lighter, styles
+from replay.run.compare import compare, overlay
+from replay.run.results import read_results, to_document
+from replay.run.stored import run_of
 
 
 def run(*arguments: str | pathlib.Path) -> int:

@@ -9,11 +9,11 @@ import pytest
 from paths import straight
 from results_maker import RECORDED, Answer, Document, make_run, written
 
-from optim.scene import make_scene
-from optim.vehicle import Vehicle
-from replay.confirm import audit_results
-from replay.results import path_to_document, read_results, to_document
-from replay.run import run_case
+from optim.model.scene import make_scene
+from optim.model.vehicle import Vehicle
+from replay.run.confirm import audit_results
+from replay.run.judge import run_case
+from replay.run.results import path_to_document, read_results, to_document
 
 RUN = make_run()
 

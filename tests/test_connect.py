@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from optim.path import Segment
+from optim.model.path import Segment
+from optim.model.vehicle import Vehicle, derivative, flat_from_state, state_from_flat
 from optim.steering import Connection, Flat, connections
 from optim.steering.connect import END_TOLERANCE
-from optim.vehicle import Vehicle, derivative, flat_from_state, state_from_flat
 
 VEHICLE = Vehicle()
 

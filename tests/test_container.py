@@ -12,9 +12,9 @@ from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType
 from mcap_bytes import DEFINITIONS, HEADER, channel, chunk, codes, container, message, record, schema, some_log, text
 
-from replay.errors import LogError, printable
-from replay.logs.container import scan
-from replay.logs.records import MAGIC, Channel, Log
+from replay.base.errors import LogError, printable
+from replay.logs.container.records import MAGIC, Channel, Log
+from replay.logs.container.scan import scan
 
 DATA = Path(__file__).parent / "data"
 REAL_LOGS = sorted(DATA.glob("*.mcap"))

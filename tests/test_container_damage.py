@@ -11,8 +11,8 @@ import zstandard
 from mcap.writer import CompressionType
 from mcap_bytes import DEFINITIONS, channel, chunk, codes, container, message, record, schema, some_log, text
 
-from replay.errors import LogError
-from replay.logs.records import Channel, Limits, Log
+from replay.base.errors import LogError
+from replay.logs.container.records import Channel, Limits, Log
 
 
 def every(_: Channel) -> bool:

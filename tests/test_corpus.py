@@ -12,24 +12,24 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from optim.audit import audit_recorded
-from optim.methods.ddp import Ddp
-from optim.scene import collides, first_violation, make_scene
+from optim.audit.checks import audit_recorded
+from optim.methods.ddp.method import Ddp
+from optim.model.scene import collides, first_violation, make_scene
+from optim.model.vehicle import Vehicle, state_from_flat
+from optim.planning.protocol import Task
+from optim.planning.rrt import Found, Search, plan, ramp_ends
 from optim.steering.flat import Flat
-from optim.vehicle import Vehicle, state_from_flat
-from replay.errors import LogError
+from replay.base.errors import LogError
 from replay.logs import read_cases
-from replay.results import path_to_document, scene_to_document
-from replay.run import run_case
+from replay.run.judge import run_case
+from replay.run.results import path_to_document, scene_to_document
 from tools.corpus.build import PLANNERS
 from tools.corpus.catalogue import FULL, SITES, Made, difference, make, make_log, read_list, write_list
 from tools.corpus.grid import draw_grid
 from tools.corpus.odd import ODD
 from tools.corpus.public import PUBLIC
-from tools.corpus.rrt import Found, Search, plan, ramp_ends
 from tools.corpus.site import Area, Box, Grid, Site, Wall, footprints
 from tools.corpus.write import content_digest
-from tools.planners.protocol import Task
 
 FOLDER = Path(__file__).resolve().parent.parent / "recordings"
 LISTED = read_list(FOLDER)

@@ -6,14 +6,14 @@ import pytest
 import regress_help as help
 import run_maker as maker
 
+from replay.base.errors import ReplayError
 from replay.cli import main
-from replay.errors import ReplayError
 from replay.regress.compare import compare_log
 from replay.regress.corpus import Log, find_corpus
-from replay.regress.reports.facts import acceptable
-from replay.regress.reports.reading import read_run
 from replay.regress.settings import Settings
 from replay.regress.work import Job, work
+from replay.report.facts import acceptable
+from replay.report.reading import read_run
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from optim.cover import cover_cells
-from optim.geometry import is_convex
+from optim.geometry.cover import cover_cells
+from optim.geometry.polygons import is_convex
 
 GRIDS = st.tuples(st.integers(1, 14), st.integers(1, 14)).flatmap(lambda shape: arrays(bool, shape))
 

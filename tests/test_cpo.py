@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from scenes import random_problem
 
-from optim.cpo.drivable import _Task, drivable_stretch, fit_points, steering
-from optim.cpo.points import Track, spread
-from optim.cpo.rounds import checks, improve
-from optim.cpo.spline import basis, positions
-from optim.methods.cpo import Cpo
-from optim.objective import objective
-from optim.path import Path
-from optim.problem import path_clearance
-from optim.result import Stop
-from optim.scene import make_scene
+from optim.methods.cpo.drivable import _Task, drivable_stretch, fit_points, steering
+from optim.methods.cpo.method import Cpo
+from optim.methods.cpo.points import Track, spread
+from optim.methods.cpo.rounds import checks, improve
+from optim.methods.cpo.spline import basis, positions
+from optim.model.objective import objective
+from optim.model.path import Path
+from optim.model.problem import path_clearance
+from optim.model.result import Stop
+from optim.model.scene import make_scene
+from optim.model.vehicle import Vehicle, body_corners, flat_from_state, rk4_step_jacobian
 from optim.steering.flat import load
-from optim.vehicle import Vehicle, body_corners, flat_from_state, rk4_step_jacobian
 
 NOTHING = np.empty((0, 2))
 

@@ -8,13 +8,13 @@ import shapely
 from scenes import random_problem
 from shapes import random_blocks
 
-from optim.cpo.descent import descend
-from optim.cpo.discs import axle_point, covering_discs
-from optim.cpo.points import ENDS, Track, spread
-from optim.cpo.terms import BAND, Terms, bends, headings, truck_bends
-from optim.methods.cpo import Cpo
-from optim.scene import distance_field, make_scene
-from optim.vehicle import Vehicle
+from optim.methods.cpo.descent import descend
+from optim.methods.cpo.discs import axle_point, covering_discs
+from optim.methods.cpo.method import Cpo
+from optim.methods.cpo.points import ENDS, Track, spread
+from optim.methods.cpo.terms import BAND, Terms, bends, headings, truck_bends
+from optim.model.scene import distance_field, make_scene
+from optim.model.vehicle import Vehicle
 
 BOUNDS = (-25.0, -25.0, 25.0, 25.0)
 VEHICLES = [Vehicle(), Vehicle(hitch_to_axle=12.036, trailer_rear=14.0), Vehicle(truck_width=2.2, trailer_width=0.8)]

@@ -9,14 +9,14 @@ import pytest
 from paths import random_path
 from scenes import random_problem
 
-from optim.ddp.source import _model
-from optim.methods.ddp import Ddp
-from optim.objective import objective
-from optim.path import Path
-from optim.problem import Problem, path_clearance
-from optim.result import Iterate, Result, Stop
-from optim.scene import make_scene
-from optim.vehicle import Vehicle, rk4_step
+from optim.methods.ddp.method import Ddp
+from optim.methods.ddp.source import _model
+from optim.model.objective import objective
+from optim.model.path import Path
+from optim.model.problem import Problem, path_clearance
+from optim.model.result import Iterate, Result, Stop
+from optim.model.scene import make_scene
+from optim.model.vehicle import Vehicle, rk4_step
 from replay.logs import read_cases
 
 LOGS = pathlib.Path(__file__).resolve().parent.parent / "recordings"

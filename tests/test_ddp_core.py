@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from car_parking import LIMITS, START, STEPS, CarParking, advance
 
-from optim.ddp.backward import Expansion, Policy, backward_pass, new_expansion, new_policy
-from optim.ddp.boxqp import AT_HIGH, AT_LOW, FREE, box_qp
-from optim.ddp.solver import End, Settings, minimise
+from optim.methods.ddp.backward import Expansion, Policy, backward_pass, new_expansion, new_policy
+from optim.methods.ddp.boxqp import AT_HIGH, AT_LOW, FREE, box_qp
+from optim.methods.ddp.solver import End, Settings, minimise
 
 
 def _linear_quadratic(stages: int, n: int, m: int, seed: int) -> Expansion:

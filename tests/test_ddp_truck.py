@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scenes import random_problem
 
-from optim.collision import rectangle
-from optim.ddp.features import feature_distance
-from optim.ddp.model import TruckModel, knots_from, trajectory_of
-from optim.ddp.truck import STATES
-from optim.methods.transcription import Knots, knots_of, objective_of
-from optim.problem import Problem
-from optim.scene import clearance, make_scene
-from optim.vehicle import Vehicle
+from optim.geometry.collision import rectangle
+from optim.knots.transcription import Knots, knots_of, objective_of
+from optim.methods.ddp.features import feature_distance
+from optim.methods.ddp.model import TruckModel, knots_from, trajectory_of
+from optim.methods.ddp.truck import STATES
+from optim.model.problem import Problem
+from optim.model.scene import clearance, make_scene
+from optim.model.vehicle import Vehicle
 
 STEP = 1e-6
 

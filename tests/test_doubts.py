@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from optim.methods import METHODS
-from optim.vehicle import Vehicle
-from replay.case import Case
-from replay.errors import LogError
+from optim.model.vehicle import Vehicle
+from replay.base.errors import LogError
+from replay.run.case import Case
 
 Read = Callable[..., list[Case]]
 Refusal = Callable[..., LogError]

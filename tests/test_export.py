@@ -19,12 +19,12 @@ from mcap_bytes import message as message_record
 from mcap_ros2.decoder import DecoderFactory
 
 import replay.cli
-from replay.errors import LogError
-from replay.export import PATH, axle_poses, topic_names, write_export
+from replay.base.errors import LogError
 from replay.logs import ReadOptions, read_cases
-from replay.logs.append import NewTopic, append
-from replay.logs.container import scan
-from replay.results import path_from_document, read_results
+from replay.logs.container.append import NewTopic, append
+from replay.logs.container.scan import scan
+from replay.logs.export import PATH, axle_poses, topic_names, write_export
+from replay.run.results import path_from_document, read_results
 
 QUICK = ["--method", "shortcut", "--shortcut.tries", "10", "--no-recording", "--export"]
 

@@ -20,8 +20,8 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 import replay.cli
 from replay.logs import ReadOptions, read_cases
-from replay.logs.container import scan
-from replay.results import path_from_document, read_results
+from replay.logs.container.scan import scan
+from replay.run.results import path_from_document, read_results
 
 QUICK = ["--method", "shortcut", "--shortcut.tries", "10", "--no-recording", "--export"]
 LISTED = """rosbag2_bagfile_information:

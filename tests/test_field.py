@@ -3,7 +3,7 @@ import pytest
 import shapely
 from shapes import random_blocks
 
-from optim.scene import distance_field, make_scene
+from optim.model.scene import distance_field, make_scene
 
 BOUNDS = (-20.0, -15.0, 25.0, 18.0)
 

@@ -12,8 +12,8 @@ import time
 
 import pytest
 
-from replay.errors import ReplayError
-from replay.files import atomic_write
+from replay.base.errors import ReplayError
+from replay.base.files import atomic_write
 
 
 def left_in(folder: pathlib.Path) -> list[str]:
@@ -106,8 +106,8 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path: pathlib.Path
     target.write_bytes(b"old")
     script = """
         import resource, sys
-        from replay.errors import ReplayError
-        from replay.files import atomic_write
+        from replay.base.errors import ReplayError
+        from replay.base.files import atomic_write
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
         try:
             with atomic_write(sys.argv[1]) as temporary:
@@ -188,7 +188,7 @@ def test_a_writer_that_is_killed_at_any_time_leaves_a_whole_file(tmp_path: pathl
     """Ten writers, one after the other, each killed after some milliseconds of writing without pause."""
     script = """
         import itertools, sys
-        from replay.files import atomic_write
+        from replay.base.files import atomic_write
         for i in itertools.count():
             with atomic_write(sys.argv[1]) as temporary:
                 with temporary.open("wb") as file:

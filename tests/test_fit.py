@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from paths import logged, random_path
 
-from optim.fit import FitOptions, fit_path
-from optim.vehicle import Vehicle, roll_out
+from optim.fit.poses import FitOptions, fit_path
+from optim.model.vehicle import Vehicle, roll_out
 
 VEHICLE = Vehicle()
 

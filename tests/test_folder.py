@@ -11,13 +11,13 @@ from mcap.writer import Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from replay.case import Case
+from replay.base.errors import LogError
 from replay.cli import main
-from replay.errors import LogError
 from replay.logs import read_cases
-from replay.logs.folder import METADATA, open_log
-from replay.logs.records import Limits, Log
-from replay.logs.understood import uses
+from replay.logs.container.folder import METADATA, open_log
+from replay.logs.container.records import Limits, Log
+from replay.logs.meaning.understood import uses
+from replay.run.case import Case
 
 DATA = pathlib.Path(__file__).parent / "data"
 TRUCK, AXLE = make.drive()

@@ -9,11 +9,11 @@ import logs_maker as make
 import numpy as np
 import pytest
 
-from replay.case import Case
-from replay.errors import LogError
-from replay.logs.content import PayloadError
-from replay.logs.foxglove import FAMILIES
-from replay.logs.structure import MESSAGES
+from replay.base.errors import LogError
+from replay.logs.messages.content import PayloadError
+from replay.logs.messages.foxglove import FAMILIES
+from replay.logs.messages.structure import MESSAGES
+from replay.run.case import Case
 
 Read = Callable[..., list[Case]]
 Refusal = Callable[..., LogError]

@@ -8,11 +8,11 @@ import logs_maker as make
 import numpy as np
 import pytest
 
-from replay.case import Case
-from replay.errors import LogError
-from replay.logs.folder import open_log
-from replay.logs.frames import Frames
-from replay.logs.topics import is_wanted, topics_of
+from replay.base.errors import LogError
+from replay.logs.container.folder import open_log
+from replay.logs.meaning.frames import Frames
+from replay.logs.meaning.topics import is_wanted, topics_of
+from replay.run.case import Case
 
 Read = Callable[..., list[Case]]
 Refusal = Callable[..., LogError]

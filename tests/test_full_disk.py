@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import pytest
 from logs_maker import sound_log
 
-from replay.confirm import audit_results
-from replay.results import read_results
+from replay.run.confirm import audit_results
+from replay.run.results import read_results
 from tools.processes import REPLAY
 
 

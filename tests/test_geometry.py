@@ -6,7 +6,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optim.geometry import clean_ring, convex_parts, is_convex, pack, signed_area, walls
+from optim.geometry.polygons import clean_ring, convex_parts, is_convex, pack, signed_area, walls
 
 L_SHAPE = [[0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [0, 3]]
 

@@ -6,9 +6,9 @@ import logs_maker as make
 import pytest
 from idl_maker import idl
 
-from replay.logs.idl import MAX_DEPTH, MAX_FIELDS, MAX_TYPES, LayoutError, parse_idl
-from replay.logs.layout import matching_layout
-from replay.logs.ros2 import FAMILIES
+from replay.logs.messages.idl import MAX_DEPTH, MAX_FIELDS, MAX_TYPES, LayoutError, parse_idl
+from replay.logs.messages.layout import matching_layout
+from replay.logs.messages.ros2 import FAMILIES
 
 
 @pytest.mark.parametrize("kind", sorted(FAMILIES))

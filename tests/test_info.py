@@ -11,7 +11,7 @@ import pytest
 import stream_maker as single
 
 import replay.cli
-from replay.logs.families import FAMILIES
+from replay.logs.messages.families import FAMILIES
 
 TRUCK, AXLE = make.drive()
 TURN = (0.0, 0.0, 0.1)

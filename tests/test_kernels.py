@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from numba.core.errors import TypingError
 
-from replay.kernels import any_compiled, drop_stale
+from replay.base.kernels import any_compiled, drop_stale
 
 INNER = "from numba import njit\n@njit(cache=True)\ndef inner():\n    return {value}\n"
 OUTER = "from numba import njit\nfrom inner import inner\n@njit(cache=True)\ndef outer():\n    return inner()\n"
@@ -43,7 +43,7 @@ def test_sources_without_kernels_do_not_count(tmp_path: Path) -> None:
 
 SLOW = """
 import pathlib, sys, time
-from optim.kernel import kernel
+from optim.numerics.kernel import kernel
 
 @kernel
 def slow(x):
@@ -75,7 +75,7 @@ def test_a_kernel_that_two_processes_need_at_once_is_compiled_by_one_of_them(tmp
 
 def test_a_kernel_that_cannot_be_compiled_leaves_its_lock_to_the_next_try(tmp_path, monkeypatch):
     (tmp_path / "broken.py").write_text(
-        "from optim.kernel import kernel\n@kernel\ndef plus(x):\n    return x + 1\n", encoding="utf-8"
+        "from optim.numerics.kernel import kernel\n@kernel\ndef plus(x):\n    return x + 1\n", encoding="utf-8"
     )
     monkeypatch.syspath_prepend(tmp_path)
     broken = importlib.import_module("broken")

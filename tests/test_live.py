@@ -16,9 +16,9 @@ from logs_maker import sound_log
 from rerun.chunk import RrdReader
 
 import replay.cli
-from optim.result import Iterate
-from replay.live import LiveView, NoViewer, open_viewer
-from replay.results import read_results
+from optim.model.result import Iterate
+from replay.recording.viewer import LiveView, NoViewer, open_viewer
+from replay.run.results import read_results
 
 QUICK = ["--method", "shortcut", "--shortcut.tries", "20", "--no-recording"]
 

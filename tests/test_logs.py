@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from shapely import Polygon, union_all
 
-from optim.vehicle import Vehicle
-from replay.case import Case
-from replay.errors import LogError
-from replay.logs.content import Header, PoseSeries
-from replay.logs.motion import heading_from_motion
-from replay.logs.pairing import hitch_misfit, trailer_at_poses
-from replay.logs.poses import recorded_poses
+from optim.model.vehicle import Vehicle
+from replay.base.errors import LogError
+from replay.logs.meaning.motion import heading_from_motion
+from replay.logs.meaning.pairing import hitch_misfit, trailer_at_poses
+from replay.logs.meaning.poses import recorded_poses
+from replay.logs.messages.content import Header, PoseSeries
+from replay.run.case import Case
 
 Read = Callable[..., list[Case]]
 TRUCK, AXLE = make.drive()

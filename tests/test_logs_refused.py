@@ -9,10 +9,10 @@ import logs_maker as make
 import numpy as np
 import pytest
 
-from optim.vehicle import Vehicle, roll_out
-from replay.case import Case
-from replay.errors import LogError
+from optim.model.vehicle import Vehicle, roll_out
+from replay.base.errors import LogError
 from replay.logs import ReadOptions
+from replay.run.case import Case
 
 Read = Callable[..., list[Case]]
 TRUCK, AXLE = make.drive()

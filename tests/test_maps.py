@@ -6,8 +6,8 @@ import logs_maker as make
 import numpy as np
 import pytest
 
-from replay.case import Case
-from replay.errors import LogError
+from replay.base.errors import LogError
+from replay.run.case import Case
 
 Read = Callable[..., list[Case]]
 Refusal = Callable[..., LogError]

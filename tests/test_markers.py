@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from shapely import Polygon, union_all
 
-from replay.case import Case
-from replay.errors import LogError
-from replay.logs.content import Header, Marker
-from replay.logs.markers import marker_polygons
-from replay.logs.planar import Refusal
+from replay.base.errors import LogError
+from replay.logs.meaning.markers import marker_polygons
+from replay.logs.meaning.planar import Refusal
+from replay.logs.messages.content import Header, Marker
+from replay.run.case import Case
 
 Read = Callable[..., list[Case]]
 TRUCK, AXLE = make.drive()

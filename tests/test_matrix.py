@@ -22,9 +22,9 @@ from mcap_ros2.writer import Writer as Ros2Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from optim.vehicle import Vehicle
-from replay.case import Case
+from optim.model.vehicle import Vehicle
 from replay.logs import read_cases
+from replay.run.case import Case
 
 Read = Callable[..., list[Case]]
 TRUCK, AXLE = make.drive()

@@ -7,7 +7,7 @@ import logs_maker as make
 import numpy as np
 import pytest
 
-from replay.errors import LogError
+from replay.base.errors import LogError
 
 TRUCK, AXLE = make.drive()
 

@@ -13,15 +13,15 @@ from idl_maker import idl
 from shapely import Polygon, union_all
 from stream_maker import odometry, stamped, with_covariance
 
-from optim.vehicle import Vehicle
-from replay.case import Case
-from replay.errors import LogError
-from replay.logs.cdr import CdrError
-from replay.logs.content import Joints, PoseSeries, Ring, Transform
-from replay.logs.folder import open_log
-from replay.logs.ros2 import FAMILIES
-from replay.logs.topics import is_wanted
-from replay.logs.understood import uses
+from optim.model.vehicle import Vehicle
+from replay.base.errors import LogError
+from replay.logs.container.folder import open_log
+from replay.logs.meaning.topics import is_wanted
+from replay.logs.meaning.understood import uses
+from replay.logs.messages.cdr import CdrError
+from replay.logs.messages.content import Joints, PoseSeries, Ring, Transform
+from replay.logs.messages.ros2 import FAMILIES
+from replay.run.case import Case
 
 Read = Callable[..., list[Case]]
 Refusal = Callable[..., LogError]

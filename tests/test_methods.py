@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scenes import random_problem
 
-from optim.audit import audit_path
+from optim.audit.checks import audit_path
 from optim.methods import METHODS
-from optim.objective import objective
-from optim.path import Path, roll_out_segment
-from optim.problem import Problem, path_clearance
-from optim.result import Result, Stop
-from optim.scene import make_scene
-from optim.vehicle import Vehicle
+from optim.model.objective import objective
+from optim.model.path import Path, roll_out_segment
+from optim.model.problem import Problem, path_clearance
+from optim.model.result import Result, Stop
+from optim.model.scene import make_scene
+from optim.model.vehicle import Vehicle
 from replay.cli.options import options_of
-from replay.results import path_to_document
+from replay.run.results import path_to_document
 
 SEEDS = range(8)
 every_method = pytest.mark.parametrize("name", METHODS)

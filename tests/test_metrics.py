@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from optim.metrics import UNITS, metrics
-from optim.objective import Weights
-from optim.path import Path, roll_out_segment
-from optim.scene import Scene, make_scene
-from optim.vehicle import Vehicle
+from optim.model.metrics import UNITS, metrics
+from optim.model.objective import Weights
+from optim.model.path import Path, roll_out_segment
+from optim.model.scene import Scene, make_scene
+from optim.model.vehicle import Vehicle
 
 VEHICLE = Vehicle()
 ONES = Weights(length=1.0, steer=1.0, rate=1.0, cusp=1.0, jump=1.0)

@@ -6,9 +6,9 @@ import pytest
 from paths import random_path
 from scipy.spatial import KDTree
 
-from optim.vehicle import Vehicle
-from replay.logs.motion import groups, noise_of, rough_chain, signed_travel, turning_points
-from replay.logs.poses import recorded_poses
+from optim.model.vehicle import Vehicle
+from replay.logs.meaning.motion import groups, noise_of, rough_chain, signed_travel, turning_points
+from replay.logs.meaning.poses import recorded_poses
 
 TRUCK, FINE = make.drive(step=0.1)[0], make.drive(step=0.005)[0]
 

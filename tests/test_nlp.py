@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scenes import random_problem
 
-from optim.methods.nlp import Nlp
-from optim.nlp.duals import half_planes, starting_multipliers
-from optim.nlp.model import pair_function, step_function
-from optim.objective import objective
-from optim.scene import Scene, witnesses
-from optim.vehicle import Vehicle, body_poses, rk4_step, rk4_step_jacobian
+from optim.methods.nlp.duals import half_planes, starting_multipliers
+from optim.methods.nlp.method import Nlp
+from optim.methods.nlp.model import pair_function, step_function
+from optim.model.objective import objective
+from optim.model.scene import Scene, witnesses
+from optim.model.vehicle import Vehicle, body_poses, rk4_step, rk4_step_jacobian
 
 
 @pytest.mark.parametrize("vehicle", [Vehicle(), Vehicle(hitch_offset=0.6)])

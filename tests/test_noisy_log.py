@@ -8,11 +8,11 @@ import pytest
 from scipy.spatial import KDTree
 
 from optim.methods import METHODS
-from optim.vehicle import Vehicle, roll_out
-from replay.case import Case
+from optim.model.vehicle import Vehicle, roll_out
 from replay.logs import read_cases
-from replay.results import to_document
-from replay.run import run_case
+from replay.run.case import Case
+from replay.run.judge import run_case
+from replay.run.results import to_document
 
 VEHICLE = Vehicle()
 

@@ -3,9 +3,9 @@ import pytest
 from paths import random_path
 from scipy.integrate import quad
 
-from optim.objective import Weights, objective, terms
-from optim.path import Path, roll_out_segment
-from optim.vehicle import Vehicle
+from optim.model.objective import Weights, objective, terms
+from optim.model.path import Path, roll_out_segment
+from optim.model.vehicle import Vehicle
 
 VEHICLE = Vehicle()
 

@@ -7,10 +7,10 @@ import logs_maker as make
 import numpy as np
 import pytest
 
-from optim.scene import swept_clearance, witnesses
-from optim.vehicle import body_corners
-from replay.case import Case
-from replay.errors import LogError
+from optim.model.scene import swept_clearance, witnesses
+from optim.model.vehicle import body_corners
+from replay.base.errors import LogError
+from replay.run.case import Case
 
 Read = Callable[..., list[Case]]
 Refusal = Callable[..., LogError]

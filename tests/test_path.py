@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from paths import random_path
 
-from optim.path import Path, Segment, merge, resample, reverse, roll_out_segment, segment_from_states
-from optim.vehicle import Vehicle, roll_out
+from optim.model.path import Path, Segment, merge, resample, reverse, roll_out_segment, segment_from_states
+from optim.model.vehicle import Vehicle, roll_out
 
 VEHICLE = Vehicle()
 

@@ -5,19 +5,19 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from optim.audit import audit_recorded
-from optim.path import Path
-from optim.scene import make_scene
+from optim.audit.checks import audit_recorded
+from optim.model.path import Path
+from optim.model.scene import make_scene
+from optim.model.vehicle import Vehicle, state_from_flat
+from optim.planning.closed_loop import ClosedLoopTree
+from optim.planning.drive_kernels import drive
+from optim.planning.exact_tree import ExactTree
+from optim.planning.hybrid import HybridAStar, way_round
+from optim.planning.protocol import Planner, Task
+from optim.planning.rrt import Search
 from optim.steering.flat import Flat
-from optim.vehicle import Vehicle, state_from_flat
-from replay.results import path_to_document, scene_to_document
-from tools.corpus.rrt import Search
+from replay.run.results import path_to_document, scene_to_document
 from tools.corpus.site import Area, Wall
-from tools.planners.closed_loop import ClosedLoopTree
-from tools.planners.drive_kernels import drive
-from tools.planners.exact_tree import ExactTree
-from tools.planners.hybrid import HybridAStar, way_round
-from tools.planners.protocol import Planner, Task
 
 VEHICLE = Vehicle()
 OUTLINE = [[-40.0, -20.0], [40.0, -20.0], [40.0, 20.0], [-40.0, 20.0]]

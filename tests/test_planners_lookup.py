@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optim.model.vehicle import Vehicle
+from optim.planning.lookup import BEND, CELL, HEADINGS, Table, exact_length, lookup_table, node_pose
 from optim.steering.flat import Flat
-from optim.vehicle import Vehicle
-from tools.planners.lookup import BEND, CELL, HEADINGS, Table, exact_length, lookup_table, node_pose
 
 VEHICLE = Vehicle()
 HALF = 4

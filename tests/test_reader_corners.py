@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from mcap_bytes import DEFINITIONS, FOOTER, HEADER, channel, chunk, codes, container, message, record, schema, text
 
-from replay.case import Case
-from replay.errors import LogError
-from replay.logs.container import scan
-from replay.logs.layout import LayoutError, matching_layout
-from replay.logs.records import Channel, Limits, Log
-from replay.logs.ros2 import FAMILIES
+from replay.base.errors import LogError
+from replay.logs.container.records import Channel, Limits, Log
+from replay.logs.container.scan import scan
+from replay.logs.messages.layout import LayoutError, matching_layout
+from replay.logs.messages.ros2 import FAMILIES
+from replay.run.case import Case
 
 Scanned = Callable[..., Log]
 Read = Callable[..., list[Case]]

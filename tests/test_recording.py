@@ -8,13 +8,13 @@ import pytest
 import recording_factory as factory
 from recording_reading import Contents, written
 
-from optim.path import Path
-from optim.result import Stop
-from optim.scene import make_scene
+from optim.model.path import Path
+from optim.model.result import Stop
+from optim.model.scene import make_scene
 from replay.recording import picture, text
 from replay.recording.local import moved
 from replay.recording.tracks import PROGRESS, chosen_rows, progress
-from replay.run import Run
+from replay.run.judge import Run
 
 
 def test_a_recording_has_its_three_timelines_and_its_blueprint(one_read: Contents) -> None:

@@ -7,9 +7,9 @@ import pytest
 import recording_factory as factory
 from recording_reading import Contents, written
 
-from optim.problem import Problem
-from optim.result import OnIterate, Picture, Result, Stop, ignore
-from optim.scene import make_scene
+from optim.model.problem import Problem
+from optim.model.result import OnIterate, Picture, Result, Stop, ignore
+from optim.model.scene import make_scene
 from replay.recording.local import moved
 
 

@@ -14,15 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_reading import Contents, names_in_blueprint, written
 
-from optim.path import Path
-from optim.scene import make_scene
-from optim.vehicle import Vehicle, body_corners
-from replay.errors import ReplayError
+from optim.model.path import Path
+from optim.model.scene import make_scene
+from optim.model.vehicle import Vehicle, body_corners
+from replay.base.errors import ReplayError
+from replay.base.style import ALARM, RECORDED, styles
 from replay.recording import picture, text, write_recording
 from replay.recording.tracks import chosen_rows, tracks_of
 from replay.recording.writing import Unwritable, recording_id, verify
-from replay.run import Run
-from replay.style import ALARM, RECORDED, styles
+from replay.run.judge import Run
 
 
 def test_the_same_results_have_the_same_identity_and_others_have_another(one: Run, five: Run) -> None:

@@ -9,10 +9,10 @@ import recording_factory as factory
 from logs_maker import drive, log_of, path, read_log, shifted, yard
 from recording_reading import Contents, names_in_blueprint, written
 
-from optim.scene import make_scene
+from optim.model.scene import make_scene
 from replay.recording import scene
 from replay.recording.picture import frame_around, swept_area
-from replay.run import Run, run_case
+from replay.run.judge import Run, run_case
 
 POSES = "/scene/recorded/logged_poses"
 

@@ -15,8 +15,8 @@ import pytest
 import regress_help as help
 
 from optim.methods import METHODS
+from replay.base.errors import ReplayError
 from replay.cli import main
-from replay.errors import ReplayError
 from replay.regress.baseline import Baseline, read_baseline, write_baseline
 from replay.regress.finish import finish
 from replay.regress.running import Execute, carry_out, remaining, resumed, start

@@ -5,7 +5,7 @@ import subprocess
 import pytest
 from test_regress_gate import log, method
 
-from replay.errors import ReplayError
+from replay.base.errors import ReplayError
 from replay.regress.acceptance import Wanted, accepted
 from replay.regress.baseline import Baseline, check_baseline, read_baseline, write_baseline
 from replay.regress.compare import baseline_entry, compare_log

@@ -4,7 +4,7 @@ import pathlib
 
 import pytest
 
-from replay.errors import ReplayError
+from replay.base.errors import ReplayError
 from replay.regress.corpus import find_corpus
 from replay.regress.selection import select
 

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from replay.errors import ReplayError
+from replay.base.errors import ReplayError
 from replay.regress.store import Store, file_stem
 
 

@@ -4,14 +4,14 @@ import logs_maker as make
 import numpy as np
 import pytest
 
-from optim.arrays import Array
-from optim.problem import path_clearance
-from optim.scene import Scene, make_scene
-from optim.vehicle import Vehicle, roll_out
-from replay.logs.checks import check_fit
-from replay.logs.planar import Refusal
-from replay.logs.poses import RecordedPoses, recorded_poses
-from replay.logs.repair import repaired
+from optim.model.problem import path_clearance
+from optim.model.scene import Scene, make_scene
+from optim.model.vehicle import Vehicle, roll_out
+from optim.numerics.arrays import Array
+from replay.logs.meaning.checks import check_fit
+from replay.logs.meaning.planar import Refusal
+from replay.logs.meaning.poses import RecordedPoses, recorded_poses
+from replay.logs.meaning.repair import repaired
 
 VEHICLE = Vehicle()
 FAR = make_scene([np.array([[500.0, 0.0], [501.0, 0.0], [501.0, 1.0]])])

@@ -8,12 +8,12 @@ import pytest
 import run_maker as maker
 from page_reading import Page
 
-from replay.regress.reports import make_report
-from replay.regress.reports.facts import figures, headline, profiles, state
-from replay.regress.reports.groups import gravest, groups
-from replay.regress.reports.html import page
-from replay.regress.reports.reading import read_run
-from replay.style import styles
+from replay.base.style import styles
+from replay.report import make_report
+from replay.report.facts import figures, headline, profiles, state
+from replay.report.groups import gravest, groups
+from replay.report.html import page
+from replay.report.reading import read_run
 
 HOSTILE = "<img src=x onerror=alert(1)>\"'\x1b[2J\u202e|`[x](javascript:alert(1)) @all ]]>\ud800"
 

@@ -10,15 +10,15 @@ import run_maker as maker
 from page_reading import Page
 
 import replay.cli
-from replay.errors import ReplayError
+from replay.base.errors import ReplayError
 from replay.regress.finish import conclude
-from replay.regress.reports import FILES, make_report
-from replay.regress.reports.charts import drift_chart
-from replay.regress.reports.history import trend
-from replay.regress.reports.html import page
-from replay.regress.reports.junit import junit
-from replay.regress.reports.markdown import markdown
-from replay.regress.reports.reading import read_run
+from replay.report import FILES, make_report
+from replay.report.charts import drift_chart
+from replay.report.history import trend
+from replay.report.html import page
+from replay.report.junit import junit
+from replay.report.markdown import markdown
+from replay.report.reading import read_run
 
 # ---- the other formats
 

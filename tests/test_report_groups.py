@@ -8,10 +8,10 @@ import run_maker as maker
 from replay.regress.baseline import Baseline, write_baseline
 from replay.regress.compare import baseline_entry
 from replay.regress.finish import judge
-from replay.regress.reports.facts import headline
-from replay.regress.reports.groups import failing_lines, groups, told
-from replay.regress.reports.reading import read_run
-from replay.solving import solve
+from replay.report.facts import headline
+from replay.report.groups import failing_lines, groups, told
+from replay.report.reading import read_run
+from replay.run.solving import solve
 
 
 def lines(folder: pathlib.Path, verdicts: list) -> list[str]:

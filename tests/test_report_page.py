@@ -6,11 +6,11 @@ import pyarrow.parquet as pq
 import run_maker as maker
 from page_reading import Page
 
-from replay.regress.reports import make_report
-from replay.regress.reports.charts import drift_chart
-from replay.regress.reports.history import trend
-from replay.regress.reports.html import page
-from replay.regress.reports.reading import read_run
+from replay.report import make_report
+from replay.report.charts import drift_chart
+from replay.report.history import trend
+from replay.report.html import page
+from replay.report.reading import read_run
 
 
 def text_of(folder: pathlib.Path) -> str:

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from paths import random_path
 from results_maker import VEHICLE, Document, make_run, written
 
-import replay.results
-from optim.result import Stop
-from replay.confirm import audit_results
-from replay.errors import ReplayError
-from replay.results import (
+import replay.run.results
+from optim.model.result import Stop
+from replay.base.errors import ReplayError
+from replay.run.confirm import audit_results
+from replay.run.results import (
     path_from_document,
     path_to_document,
     read_results,
@@ -199,7 +199,7 @@ def test_what_is_no_json_is_a_results_error(tmp_path: pathlib.Path, content: byt
 
 def test_a_file_that_is_too_large_is_not_read(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path, to_document(RUN))
-    monkeypatch.setattr(replay.results, "LARGEST_FILE", path.stat().st_size - 1)
+    monkeypatch.setattr(replay.run.results, "LARGEST_FILE", path.stat().st_size - 1)
     with pytest.raises(ReplayError, match="larger than"):
         read_results(path)
 

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from mcap_ros2.writer import Writer as Ros2Writer
 from rosbags.typesys import Stores
 
-from replay.logs.cdr import CdrError
-from replay.logs.container import scan
-from replay.logs.content import Grid, Marker, PoseSeries
-from replay.logs.layout import MAX_FIELDS, MAX_TEXT, LayoutError, matching_layout
-from replay.logs.ros2 import FAMILIES
+from replay.logs.container.scan import scan
+from replay.logs.messages.cdr import CdrError
+from replay.logs.messages.content import Grid, Marker, PoseSeries
+from replay.logs.messages.layout import MAX_FIELDS, MAX_TEXT, LayoutError, matching_layout
+from replay.logs.messages.ros2 import FAMILIES
 
 STORES = [Stores.ROS2_FOXY, Stores.ROS2_GALACTIC, Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.ROS2_KILTED]
 frames = st.text(max_size=12)

@@ -12,15 +12,15 @@ from paths import straight
 from rich.console import Console
 
 from optim.methods.chain import Chain
-from optim.objective import Weights
-from optim.path import Path
-from optim.problem import Problem
-from optim.result import Iterate, OnIterate, Result, Stop, ignore
-from optim.scene import make_scene
-from optim.vehicle import Vehicle
-from replay.case import Case, ReadReport
-from replay.run import MOST_ITERATES, Interrupted, run_case
-from replay.tables import remarks, result_table, verdict
+from optim.model.objective import Weights
+from optim.model.path import Path
+from optim.model.problem import Problem
+from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
+from optim.model.scene import make_scene
+from optim.model.vehicle import Vehicle
+from replay.cli.tables import remarks, result_table, verdict
+from replay.run.case import Case, ReadReport
+from replay.run.judge import MOST_ITERATES, Interrupted, run_case
 
 VEHICLE = Vehicle()
 BLOCK = np.array([[0.0, 6.0], [4.0, 6.0], [4.0, 9.0], [0.0, 9.0]])

@@ -8,9 +8,9 @@ from audit_cases import SOUND_PATH, VEHICLE
 from paths import random_path
 from scenes import blocks_beside
 
-from optim.audit import ALL
-from optim.objective import Weights
-from optim.scene import make_scene
+from optim.audit.checks import ALL
+from optim.model.objective import Weights
+from optim.model.scene import make_scene
 from tools.saboteur.claims import KINDS, Claim, Kind, as_json, claim_of
 from tools.saboteur.trial import passes_without, report_of, spoiled, trial
 

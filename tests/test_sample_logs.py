@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from optim.methods import METHODS
-from optim.path import Path as DrivenPath
+from optim.model.path import Path as DrivenPath
 from replay.logs import read_cases
-from replay.run import run_case
+from replay.run.judge import run_case
 
 LOGS = sorted((Path(__file__).parents[1] / "recordings").glob("*.mcap"))
 

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapes import random_blocks, random_states, signed_distance
 
-from optim.scene import clearance, collides, make_scene, witnesses
-from optim.vehicle import Vehicle, body_corners
+from optim.model.scene import clearance, collides, make_scene, witnesses
+from optim.model.vehicle import Vehicle, body_corners
 
 VEHICLES = [Vehicle(), Vehicle(hitch_offset=0.6, trailer_front=0.5)]
 SQUARE = np.array([[10.0, -1.0], [12.0, -1.0], [12.0, 1.0], [10.0, 1.0]])

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from scenes import random_problem
 
-from optim.methods.nlp import Nlp
-from optim.methods.scp import Scp
-from optim.methods.transcription import defects, knots_of, objective_of
-from optim.objective import objective
-from optim.path import Path, segment_from_states
-from optim.problem import Problem, path_clearance
-from optim.result import Stop
-from optim.scene import make_scene
-from optim.scp.linearisation import Scales, convex_factor, linearise
-from optim.scp.restoration import hitch_excess, rate_excess, restore
-from optim.scp.statement import LINEAR, bucket, statement
-from optim.scp.subproblem import Limits, Penalty, parameter_values, solve_subproblem
-from optim.vehicle import Vehicle
+from optim.knots.transcription import defects, knots_of, objective_of
+from optim.methods.nlp.method import Nlp
+from optim.methods.scp.linearisation import Scales, convex_factor, linearise
+from optim.methods.scp.method import Scp
+from optim.methods.scp.restoration import hitch_excess, rate_excess, restore
+from optim.methods.scp.statement import LINEAR, bucket, statement
+from optim.methods.scp.subproblem import Limits, Penalty, parameter_values, solve_subproblem
+from optim.model.objective import objective
+from optim.model.path import Path, segment_from_states
+from optim.model.problem import Problem, path_clearance
+from optim.model.result import Stop
+from optim.model.scene import make_scene
+from optim.model.vehicle import Vehicle
 from replay.logs import read_cases
 
 FULL = pathlib.Path(__file__).resolve().parent.parent / "recordings" / "full"

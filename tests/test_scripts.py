@@ -4,7 +4,7 @@ import argparse
 
 import pytest
 
-from replay.errors import LogError
+from replay.base.errors import LogError
 from tools.script import existing, from_one, method_name, run
 
 

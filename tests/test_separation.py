@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scenes import random_problem
 
-from optim.scene import Scene, clearance, make_scene
-from optim.separation import separations
-from optim.vehicle import Vehicle
+from optim.geometry.separation import separations
+from optim.model.scene import Scene, clearance, make_scene
+from optim.model.vehicle import Vehicle
 
 VEHICLES = [Vehicle(), Vehicle(hitch_offset=0.6)]
 

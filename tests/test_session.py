@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 from logs_maker import sound_log
 
-from optim.objective import Weights
-from optim.problem import Problem
-from optim.result import OnIterate, Result, Stop, ignore
+from optim.model.objective import Weights
+from optim.model.problem import Problem
+from optim.model.result import OnIterate, Result, Stop, ignore
 from replay.cli.console import Common, Voice
 from replay.cli.outputs import Outputs
 from replay.cli.session import Session

@@ -13,7 +13,7 @@ import replay.cli
 from optim.methods import METHODS
 from replay.cli.options import UsageError
 from replay.cli.settings import layer_of_assignments, layer_of_file, layer_of_results, settled
-from replay.results import read_results
+from replay.run.results import read_results
 
 CONFIG = """
 method = ["shortcut", "ddp+shortcut"]

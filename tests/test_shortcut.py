@@ -7,11 +7,11 @@ from scenes import random_problem
 from shapely.geometry.base import BaseGeometry
 
 from optim.methods.shortcut import Shortcut
-from optim.objective import objective
-from optim.path import Path, Segment, roll_out_segment
-from optim.problem import Problem, path_clearance
-from optim.scene import make_scene
-from optim.vehicle import Vehicle, body_corners
+from optim.model.objective import objective
+from optim.model.path import Path, Segment, roll_out_segment
+from optim.model.problem import Problem, path_clearance
+from optim.model.scene import make_scene
+from optim.model.vehicle import Vehicle, body_corners
 
 VEHICLE = Vehicle()
 BOTH = pytest.mark.parametrize("variant", ["random", "deterministic"])

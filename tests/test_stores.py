@@ -13,8 +13,8 @@ import boto3
 from moto.server import ThreadedMotoServer
 
 from optim.methods import METHODS
+from replay.base.errors import ReplayError
 from replay.cli import main
-from replay.errors import ReplayError
 from replay.regress.corpus import find_corpus
 from replay.regress.slot import Slot
 from replay.regress.stores import fetched

@@ -5,7 +5,7 @@ import pathlib
 
 import pytest
 
-from replay.strict_json import JsonError, parse_json, read_json
+from replay.base.strict_json import JsonError, parse_json, read_json
 
 
 def test_ordinary_json_is_read(tmp_path: pathlib.Path) -> None:

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from optim.methods.shortcut import Shortcut
-from optim.metrics import UNITS
-from optim.scene import clearance, make_scene
-from optim.vehicle import Vehicle
+from optim.model.metrics import UNITS
+from optim.model.scene import clearance, make_scene
+from optim.model.vehicle import Vehicle
 from replay.logs import read_cases
 from tools.study import CHAINS, DESCRIBED, variants
 from tools.study_descriptions import SHOWN, lost, obstacles_report

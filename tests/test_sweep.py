@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 from paths import random_path
 from scenes import blocks_beside
 
-from optim.path import Segment
-from optim.scene import Scene, clearance, first_violation, make_scene, swept_clearance
-from optim.vehicle import Vehicle, roll_out
+from optim.model.path import Segment
+from optim.model.scene import Scene, clearance, first_violation, make_scene, swept_clearance
+from optim.model.vehicle import Vehicle, roll_out
 
 VEHICLES = {
     "semi": Vehicle(),

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import regress_help as help
 
-from replay.errors import ReplayError
+from replay.base.errors import ReplayError
 from replay.regress import timing
 from replay.regress.timing import Server, Side, check_version, compared, judged, measure, this_version, version
 

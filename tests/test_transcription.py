@@ -7,7 +7,7 @@ import pytest
 from paths import random_path
 from scenes import random_problem
 
-from optim.methods.transcription import (
+from optim.knots.transcription import (
     Knots,
     defects,
     dynamics_curvature,
@@ -18,9 +18,9 @@ from optim.methods.transcription import (
     path_of,
     without_segment,
 )
-from optim.objective import objective
-from optim.path import Path, segment_from_states
-from optim.vehicle import Vehicle, rk4_step
+from optim.model.objective import objective
+from optim.model.path import Path, segment_from_states
+from optim.model.vehicle import Vehicle, rk4_step
 
 SPACING = 0.35
 

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optim.arrays import frozen
+from optim.model.vehicle import Vehicle, flat_from_state, state_from_flat
+from optim.numerics.arrays import frozen
 from optim.steering.flat import Flat, effort, limits, load, ramp_load, shortest_ramp
 from optim.steering.pieces import pieces_of, sample_turns
 from optim.steering.sharpest import ROWS, peak_curvature, ramp_end, sharpest_turns, turn_end
 from optim.steering.turns import plan_turns
-from optim.vehicle import Vehicle, flat_from_state, state_from_flat
 
 VEHICLES = {
     "european semi": Vehicle(),

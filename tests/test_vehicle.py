@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optim.vehicle import (
+from optim.model.vehicle import (
     Vehicle,
     body_corners,
     derivative,

@@ -9,7 +9,7 @@ import logs_maker as make
 import pytest
 
 import replay.cli
-from optim.vehicle import Vehicle
+from optim.model.vehicle import Vehicle
 from replay.cli.options import UsageError
 from replay.cli.reading import read_vehicle
 

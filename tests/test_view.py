@@ -16,7 +16,7 @@ import pytest
 from rerun.catalog import CatalogClient
 
 import replay.cli
-from replay.errors import ReplayError
+from replay.base.errors import ReplayError
 from replay.recording.dataset import served
 from tools.processes import REPLAY
 

@@ -13,10 +13,10 @@ from google.protobuf import descriptor_pool, message_factory
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from test_foxglove import decode, refused
 
-from replay.logs import json_messages, wire
-from replay.logs.content import PayloadError
-from replay.logs.foxglove import FAMILIES
-from replay.logs.layout import LayoutError
+from replay.logs.messages import json_messages, wire
+from replay.logs.messages.content import PayloadError
+from replay.logs.messages.foxglove import FAMILIES
+from replay.logs.messages.layout import LayoutError
 
 TRUCK, _ = make.drive()
 

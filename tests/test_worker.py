@@ -16,15 +16,15 @@ import pytest
 from scenes import random_problem
 
 from optim.methods import Method
-from optim.methods.ddp import Ddp
+from optim.methods.ddp.method import Ddp
 from optim.methods.shortcut import Shortcut
-from optim.path import Path
-from optim.problem import Problem
-from optim.result import Iterate, OnIterate, Result, Stop, ignore
-from replay.case import Case, ReadReport
-from replay.run import Interrupted, MethodRun, run_case
-from replay.solving import Solved, solve
-from replay.worker import Limits, Workers
+from optim.model.path import Path
+from optim.model.problem import Problem
+from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
+from replay.run.case import Case, ReadReport
+from replay.run.judge import Interrupted, MethodRun, run_case
+from replay.run.solving import Solved, solve
+from replay.run.worker import Limits, Workers
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -247,7 +247,7 @@ def test_the_child_ends_when_its_parent_is_killed(tmp_path):
         sys.path.insert(0, sys.argv[1])
         from scenes import random_problem
         from test_worker import Bad, solved_by
-        from replay.worker import Workers
+        from replay.run.worker import Workers
 
         def listener(_):
             child, = pathlib.Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()

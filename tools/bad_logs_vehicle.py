@@ -60,7 +60,7 @@ def with_vehicle(data: bytes, payload: bytes) -> bytes:
 
 
 def entries_of(payload: bytes) -> list[tuple[str, bytes]]:
-    """Keys of `optim.vehicle.Vehicle` and their values' texts; one that stands there twice comes twice."""
+    """Keys of `optim.model.vehicle.Vehicle` and their values' texts; one that stands there twice comes twice."""
     parts = _parts(payload)
     if parts is None:  # no such object: it stands where its first value would
         return [("wheelbase", payload), ("hitch_to_axle", payload)]

@@ -5,7 +5,7 @@ Usage: python tools/brute_collision.py [--scenes N] [--first SEED] [--jobs N]
 Each scene is a random vehicle on a random drive past obstacles that touch, just miss or just hit what it sweeps, on
 its outer and its inner side. Three things must hold in every scene: what brute force finds colliding is rejected; the
 clearance that the audit tells is never more than brute force finds; and it is at most less by the bound that
-`optim.audit_motion` proves. The exit status is 1 if one does not.
+`optim.audit.motion` proves. The exit status is 1 if one does not.
 """
 
 import argparse
@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 import shapely
 
-from optim.audit import audit_recorded
-from optim.audit_data import read_path, read_vehicle
-from optim.audit_motion import excess, inflation
-from optim.path import Path, Segment, roll_out_segment
-from optim.vehicle import Vehicle, body_corners, roll_out
-from replay.kernels import drop_stale
-from replay.results import path_to_document
+from optim.audit.checks import audit_recorded
+from optim.audit.data import read_path, read_vehicle
+from optim.audit.motion import excess, inflation
+from optim.model.path import Path, Segment, roll_out_segment
+from optim.model.vehicle import Vehicle, body_corners, roll_out
+from replay.base.kernels import drop_stale
+from replay.run.results import path_to_document
 from tools.script import from_one, run
 
 STEP = 1e-4

@@ -25,21 +25,21 @@ from replay.cli import use_one_thread
 
 use_one_thread()
 
-from optim.audit import audit_recorded  # noqa: E402 - after the threads have been settled
-from optim.metrics import metrics  # noqa: E402
-from optim.objective import Weights  # noqa: E402
-from replay.kernels import drop_stale  # noqa: E402
-from replay.results import path_to_document, scene_to_document  # noqa: E402
+from optim.audit.checks import audit_recorded  # noqa: E402 - after the threads have been settled
+from optim.model.metrics import metrics  # noqa: E402
+from optim.model.objective import Weights  # noqa: E402
+from optim.planning.closed_loop import ClosedLoopTree  # noqa: E402
+from optim.planning.exact_tree import ExactTree  # noqa: E402
+from optim.planning.hybrid import HybridAStar  # noqa: E402
+from optim.planning.lookup import lookup_table  # noqa: E402
+from optim.planning.protocol import Planner, Task  # noqa: E402
+from optim.planning.rrt import Search  # noqa: E402
+from replay.base.kernels import drop_stale  # noqa: E402
+from replay.run.results import path_to_document, scene_to_document  # noqa: E402
 from tools.corpus.build import task_of  # noqa: E402
 from tools.corpus.families import CLASSES, draw_site  # noqa: E402
 from tools.corpus.grid import draw_grid  # noqa: E402
-from tools.corpus.rrt import Search  # noqa: E402
 from tools.corpus.site import Site  # noqa: E402
-from tools.planners.closed_loop import ClosedLoopTree  # noqa: E402
-from tools.planners.exact_tree import ExactTree  # noqa: E402
-from tools.planners.hybrid import HybridAStar  # noqa: E402
-from tools.planners.lookup import lookup_table  # noqa: E402
-from tools.planners.protocol import Planner, Task  # noqa: E402
 from tools.script import from_one, run  # noqa: E402
 
 README = pathlib.Path(__file__).resolve().parent.parent / "recordings" / "README.md"

@@ -22,10 +22,10 @@ from typing import Any, NamedTuple
 
 from mcap.writer import CompressionType, Writer
 
-from replay.errors import LogError
-from replay.kernels import drop_stale
+from replay.base.errors import LogError
+from replay.base.kernels import drop_stale
 from replay.logs import read_cases
-from replay.logs.container import scan
+from replay.logs.container.scan import scan
 from tools.script import existing, from_one, run
 
 FORMS = {

@@ -12,9 +12,9 @@ Usage: python tools/fuzz.py TARGET [--minutes M] [--corpus FOLDER] [--seed N]
     metadata    the records `vehicle` and `path_nodes`
     results     results files, and the audit of what they hold
 
-Whatever ends in one of the errors of one line (`replay.errors`) is well. Anything else, or an input that takes over
-5 seconds of processor time, ends the run; its bytes are in a file crash-* in the corpus folder then, or timeout-* if it
-did not end at all, which `--corpus` keeps.
+Whatever ends in one of the errors of one line (`replay.base.errors`) is well. Anything else, or an input that takes
+over 5 seconds of processor time, ends the run; its bytes are in a file crash-* in the corpus folder then, or timeout-*
+if it did not end at all, which `--corpus` keeps.
 """
 
 import argparse
@@ -38,19 +38,19 @@ except ModuleNotFoundError:
     print(f"{__doc__}\nfuzz.py: error: atheris is not installed", file=sys.stderr)
     sys.exit(2)
 with atheris.instrument_imports(include=["replay"]):
-    from replay.confirm import audit_results
-    from replay.errors import ReplayError
-    from replay.logs import foxglove
-    from replay.logs.assemble import read_cases
-    from replay.logs.container import scan
-    from replay.logs.content import PayloadError
-    from replay.logs.idl import parse_idl
-    from replay.logs.layout import LayoutError, matching_layout
-    from replay.logs.planar import Refusal
-    from replay.logs.records import Metadata
-    from replay.logs.ros2 import FAMILIES
-    from replay.logs.vehicle import nodes_of, vehicle_of
-    from replay.results import read_results
+    from replay.base.errors import ReplayError
+    from replay.logs.container.records import Metadata
+    from replay.logs.container.scan import scan
+    from replay.logs.meaning.assemble import read_cases
+    from replay.logs.meaning.planar import Refusal
+    from replay.logs.meaning.vehicle import nodes_of, vehicle_of
+    from replay.logs.messages import foxglove
+    from replay.logs.messages.content import PayloadError
+    from replay.logs.messages.idl import parse_idl
+    from replay.logs.messages.layout import LayoutError, matching_layout
+    from replay.logs.messages.ros2 import FAMILIES
+    from replay.run.confirm import audit_results
+    from replay.run.results import read_results
 
 logs_maker: Any = importlib.import_module("logs_maker")
 foxglove_maker: Any = importlib.import_module("foxglove_maker")
@@ -206,9 +206,9 @@ def _small_results() -> bytes:
     random_problem = importlib.import_module("scenes").random_problem
 
     from optim.methods.shortcut import Shortcut
-    from replay.case import Case, ReadReport
-    from replay.results import to_document
-    from replay.run import run_case
+    from replay.run.case import Case, ReadReport
+    from replay.run.judge import run_case
+    from replay.run.results import to_document
 
     problem = random_problem(1, lengths=(2.0, 2.0), num_blocks=1)
     read = ReadReport(poses=9, hitch="trailer path", max_deviation_m=0.0, max_deviation_rad=0.0)

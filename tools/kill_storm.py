@@ -18,9 +18,9 @@ import subprocess
 import tempfile
 import time
 
-from replay.errors import ReplayError
+from replay.base.errors import ReplayError
 from replay.recording.writing import Unwritable, verify
-from replay.results import read_results
+from replay.run.results import read_results
 from tools.processes import REPLAY, is_running
 from tools.script import existing, from_one, run
 

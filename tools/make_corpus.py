@@ -14,7 +14,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-from replay.kernels import drop_stale
+from replay.base.kernels import drop_stale
 from tools.corpus.catalogue import FULL, SITES, Made, difference, make, read_list, write_list
 from tools.script import from_one, run
 

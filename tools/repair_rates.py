@@ -25,15 +25,15 @@ from scipy.spatial import KDTree
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-from optim.arrays import Array  # noqa: E402
-from optim.audit import audit_recorded  # noqa: E402
-from optim.path import Path, sample_segment  # noqa: E402
-from optim.vehicle import Vehicle  # noqa: E402
-from replay.case import Case  # noqa: E402
-from replay.errors import LogError  # noqa: E402
-from replay.kernels import drop_stale  # noqa: E402
+from optim.audit.checks import audit_recorded  # noqa: E402
+from optim.model.path import Path, sample_segment  # noqa: E402
+from optim.model.vehicle import Vehicle  # noqa: E402
+from optim.numerics.arrays import Array  # noqa: E402
+from replay.base.errors import LogError  # noqa: E402
+from replay.base.kernels import drop_stale  # noqa: E402
 from replay.logs import ReadOptions, read_cases  # noqa: E402
-from replay.results import path_to_document, scene_to_document  # noqa: E402
+from replay.run.case import Case  # noqa: E402
+from replay.run.results import path_to_document, scene_to_document  # noqa: E402
 from tools.script import existing, from_one, run  # noqa: E402
 
 make: Any = importlib.import_module("logs_maker")

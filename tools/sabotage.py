@@ -16,15 +16,15 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
-from optim.audit import ALL
+from optim.audit.checks import ALL
 from optim.methods import METHODS
 from optim.methods.chain import named
-from optim.path import Path
-from optim.problem import Problem
-from replay.errors import LogError
-from replay.kernels import drop_stale
+from optim.model.path import Path
+from optim.model.problem import Problem
+from replay.base.errors import LogError
+from replay.base.kernels import drop_stale
 from replay.logs import read_cases
-from replay.run import run_case
+from replay.run.judge import run_case
 from tools.saboteur.claims import KINDS, Claim, claim_of
 from tools.saboteur.trial import Outcome, report_of, trial
 from tools.script import existing, from_one, method_name, run

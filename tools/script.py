@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from typing import NoReturn
 
-from replay.errors import ReplayError
+from replay.base.errors import ReplayError
 
 
 def existing(text: str) -> pathlib.Path:

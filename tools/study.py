@@ -33,14 +33,14 @@ use_one_thread()
 
 from optim.methods import METHODS, Method  # noqa: E402 - after the threads have been settled
 from optim.methods.chain import named  # noqa: E402
-from optim.methods.cpo import Cpo  # noqa: E402
+from optim.methods.cpo.method import Cpo  # noqa: E402
 from optim.methods.shortcut import Shortcut  # noqa: E402
-from replay.errors import ReplayError  # noqa: E402
-from replay.files import atomic_write  # noqa: E402
-from replay.kernels import drop_stale  # noqa: E402
+from replay.base.errors import ReplayError  # noqa: E402
+from replay.base.files import atomic_write  # noqa: E402
+from replay.base.kernels import drop_stale  # noqa: E402
 from replay.logs import read_cases  # noqa: E402
-from replay.run import run_case  # noqa: E402
-from replay.worker import Limits, Workers  # noqa: E402
+from replay.run.judge import run_case  # noqa: E402
+from replay.run.worker import Limits, Workers  # noqa: E402
 from tools.corpus.catalogue import FULL, SITES, Entry, read_list  # noqa: E402
 from tools.script import existing, from_one, method_name, run  # noqa: E402
 from tools.study_descriptions import obstacles_report  # noqa: E402

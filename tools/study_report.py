@@ -7,7 +7,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from replay.style import styles
+from replay.base.style import styles
 from tools.study_rows import METHODS, Rows, table
 
 

@@ -16,11 +16,11 @@ from typing import Final, Literal
 
 import numpy as np
 
-from optim.arrays import Array
 from optim.methods import Method
-from optim.problem import Problem
-from optim.result import OnIterate, Result, ignore
-from optim.scene import Scene, make_scene
+from optim.model.problem import Problem
+from optim.model.result import OnIterate, Result, ignore
+from optim.model.scene import Scene, make_scene
+from optim.numerics.arrays import Array
 
 Description = Literal["discs", "points"]
 DESCRIPTIONS: Final[tuple[Description, ...]] = ("discs", "points")

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, Protocol
 
-from optim.methods.cpo import Cpo
-from optim.methods.ddp import Ddp
-from optim.methods.nlp import Nlp
-from optim.methods.scp import Scp
+from optim.methods.cpo.method import Cpo
+from optim.methods.ddp.method import Ddp
+from optim.methods.nlp.method import Nlp
+from optim.methods.scp.method import Scp
 from optim.methods.shortcut import Shortcut
-from optim.problem import Problem
-from optim.result import OnIterate, Result, ignore
+from optim.model.problem import Problem
+from optim.model.result import OnIterate, Result, ignore
 
 
 class Method(Protocol):

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from optim.methods import Method
-from optim.objective import objective
-from optim.path import Path
-from optim.problem import Problem
-from optim.result import Iterate, OnIterate, Result, Stop, ignore
+from optim.model.objective import objective
+from optim.model.path import Path
+from optim.model.problem import Problem
+from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
 
 JOINT = "+"
 """Between the names of a chain's parts: `shortcut+scp`."""

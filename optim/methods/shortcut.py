@@ -15,14 +15,14 @@ from typing import Literal
 
 import numpy as np
 
-from optim.arrays import Array
-from optim.objective import objective
-from optim.path import Path, Samples, Segment, merge, segment_from_states
-from optim.problem import Problem
-from optim.result import Iterate, OnIterate, Result, Stop, ignore
-from optim.scene import first_violation
+from optim.model.objective import objective
+from optim.model.path import Path, Samples, Segment, merge, segment_from_states
+from optim.model.problem import Problem
+from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
+from optim.model.scene import first_violation
+from optim.model.vehicle import flat_from_state, not_flat
+from optim.numerics.arrays import Array
 from optim.steering.connect import Connection, Flat, Sampled, connections
-from optim.vehicle import flat_from_state, not_flat
 
 _GAIN = 1e-6  # a replacement must save more than this, else rounding is mistaken for progress [m or -]
 

@@ -15,8 +15,8 @@ import math
 
 import numpy as np
 
-from optim.arrays import Array
-from optim.kernel import kernel
+from optim.numerics.arrays import Array
+from optim.numerics.kernel import kernel
 from optim.steering.flat import GAUSS_W, GAUSS_X, TOLERANCE, TWO_PI, Limits, hermite, load, peak
 
 _GRID = 6  # tangent lengths tried at each end,

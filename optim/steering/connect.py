@@ -11,13 +11,13 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from optim.arrays import Array, frozen
-from optim.path import Segment, segment_from_states
+from optim.model.path import Segment, segment_from_states
+from optim.model.vehicle import Vehicle, state_from_flat
+from optim.numerics.arrays import Array, frozen
 from optim.steering.bezier import plan_bezier, sample_bezier
 from optim.steering.flat import Flat, effort, limits
 from optim.steering.pieces import sample_turns
 from optim.steering.turns import plan_turns
-from optim.vehicle import Vehicle, state_from_flat
 
 END_TOLERANCE = 1e-8
 """How far the computed last state may be from the one asked for before it is replaced by it [m, rad]."""

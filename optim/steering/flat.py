@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optim.kernel import kernel
-from optim.vehicle import Vehicle
+from optim.model.vehicle import Vehicle
+from optim.numerics.kernel import kernel
 
 TOLERANCE = 1e-6
 """Relative excess of a limit that still counts as within it: a recorded state at its limit is a state [-]."""

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from optim.kernel import kernel
+from optim.numerics.kernel import kernel
 from optim.steering.flat import GAUSS_W, GAUSS_X, hermite
 
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from optim.kernel import kernel
+from optim.numerics.kernel import kernel
 from optim.steering.flat import GAUSS_W, GAUSS_X, TWO_PI, hermite, shortest_ramp
 
 ROWS = 10

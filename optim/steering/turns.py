@@ -22,8 +22,8 @@ import math
 
 import numpy as np
 
-from optim.arrays import Array, frozen
-from optim.kernel import kernel
+from optim.numerics.arrays import Array, frozen
+from optim.numerics.kernel import kernel
 from optim.steering.flat import TOLERANCE, TWO_PI, Limits, ramp_load
 from optim.steering.sharpest import CELLS, ROWS, peak_curvature, sharpest_turns, tabulate_ends, tabulated, turn_end
 

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError, MissingArgumentError, UnknownCommandError
 
+from replay.base.errors import OutputLost, ReplayError
+from replay.base.kernels import drop_stale
 from replay.cli.invoked import to_paste
 from replay.cli.signals import like_ctrl_c
 from replay.cli.usage import USAGE_ERROR, ExitStatus, command_of, example, unknown
-from replay.errors import OutputLost, ReplayError
-from replay.kernels import drop_stale
 
 COMMANDS = {
     "optimize": "Improve the recorded paths of logs; write a Rerun recording and a results file for each.",

@@ -5,8 +5,8 @@ from typing import Any
 
 from rich.table import Table
 
-from replay.errors import printable
-from replay.regress.reports.numbers import count, shown
+from replay.base.errors import printable
+from replay.base.numbers import count, shown
 
 _LONGEST = 60
 

@@ -5,12 +5,11 @@ from dataclasses import asdict
 
 from rich.table import Table
 
+from replay.base.errors import ReplayError, printable
+from replay.base.files import atomic_write
 from replay.cli.console import Voice
-from replay.errors import ReplayError, printable
-from replay.files import atomic_write
 from replay.regress.bar import Bar
 from replay.regress.corpus import STORES
-from replay.regress.reports.reading import TIMING, TIMING_SCHEMA
 from replay.regress.running import Plan
 from replay.regress.store import Store
 from replay.regress.timing import (
@@ -25,6 +24,7 @@ from replay.regress.timing import (
     version,
 )
 from replay.regress.work import local_file
+from replay.report.reading import TIMING, TIMING_SCHEMA
 
 
 def time_against(voice: Voice, plan: Plan, store: Store, name: str) -> dict[str, Comparison] | None:

@@ -6,12 +6,12 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from replay.base.errors import ReplayError
 from replay.cli.console import Common, Voice
+from replay.cli.tables import checks_table
 from replay.cli.usage import ExitStatus, reflowed
-from replay.confirm import Verdict, audit_results
-from replay.errors import ReplayError
-from replay.results import read_results
-from replay.tables import checks_table
+from replay.run.confirm import Verdict, audit_results
+from replay.run.results import read_results
 
 
 @reflowed

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 from rich.console import Console, RenderableType
 
-from replay.errors import OutputLost, printable
+from replay.base.errors import OutputLost, printable
 
 WIDTH = 100
 """Columns of a table that does not go to a terminal."""

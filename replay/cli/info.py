@@ -7,20 +7,20 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from replay.case import Case
+from replay.base.errors import ReplayError, printable
 from replay.cli.console import Common, Voice
 from replay.cli.options import options_of
 from replay.cli.reading import Reading, read_options
+from replay.cli.tables import channels_table, facts_table, gear_changes
 from replay.cli.usage import ExitStatus, reflowed
-from replay.errors import ReplayError, printable
 from replay.logs import ReadOptions
-from replay.logs.assemble import cases_of
-from replay.logs.folder import open_log
-from replay.logs.records import Log
-from replay.logs.topics import is_wanted
-from replay.logs.understood import uses
-from replay.results import scene_to_document
-from replay.tables import channels_table, facts_table, gear_changes
+from replay.logs.container.folder import open_log
+from replay.logs.container.records import Log
+from replay.logs.meaning.assemble import cases_of
+from replay.logs.meaning.topics import is_wanted
+from replay.logs.meaning.understood import uses
+from replay.run.case import Case
+from replay.run.results import scene_to_document
 
 _HITCH = {
     "trailer path": "from the trailer's path",

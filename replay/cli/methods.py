@@ -8,8 +8,8 @@ from optim.methods import METHODS, Method
 from optim.methods.chain import JOINT
 from replay.cli.console import Common, Voice
 from replay.cli.options import Option, UsageError, options_of, summary_of
+from replay.cli.tables import options_table
 from replay.cli.usage import ExitStatus, reflowed, unknown
-from replay.tables import options_table
 
 
 @reflowed

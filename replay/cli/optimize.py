@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 from cyclopts import Group, Parameter
 
 from optim.methods import METHODS
-from optim.objective import Weights
+from optim.model.objective import Weights
 from replay.cli.console import Common, Voice
 from replay.cli.options import UsageError, flag_class, flags_of, options_of
 from replay.cli.outputs import Outputs
@@ -26,8 +26,8 @@ from replay.cli.settings import (
     settled,
 )
 from replay.cli.usage import example, reflowed
-from replay.live import LiveView, NoViewer, open_viewer
-from replay.results import read_results
+from replay.recording.viewer import LiveView, NoViewer, open_viewer
+from replay.run.results import read_results
 
 if TYPE_CHECKING:
     MethodFlags: TypeAlias = Any

@@ -17,8 +17,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from cyclopts import CycloptsError, Group, Parameter, Token, convert, default_name_transform
 from docstring_parser import parse_from_object
 
+from replay.base.errors import ReplayError
 from replay.cli.usage import USAGE_ERROR
-from replay.errors import ReplayError
 
 _UNIT = re.compile(r"\[([^\[\]]+)\]")
 

@@ -5,8 +5,8 @@ import os
 import pathlib
 from collections.abc import Sequence
 
-from replay.case import Case
 from replay.cli.options import UsageError
+from replay.run.case import Case
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

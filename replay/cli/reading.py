@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 from cyclopts import Group
 
-from optim.vehicle import Vehicle
+from optim.model.vehicle import Vehicle
 from replay.cli.options import Option, UsageError, flag_class, given, options_of, read_toml, with_flags
 from replay.logs import ReadOptions
 

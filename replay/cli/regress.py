@@ -8,6 +8,9 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
+from replay.base.errors import ReplayError
+from replay.base.files import WRITE_ERROR
+from replay.base.numbers import count
 from replay.cli import drop_output
 from replay.cli.accepted import changes_for_people
 from replay.cli.against import tell_timing, time_against
@@ -19,8 +22,6 @@ from replay.cli.reading import Reading
 from replay.cli.regress_plan import check_flags, settings_of
 from replay.cli.settings import RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags, method_names
 from replay.cli.usage import ExitStatus, reflowed
-from replay.errors import ReplayError
-from replay.files import WRITE_ERROR
 from replay.regress.acceptance import Wanted, accepted
 from replay.regress.baseline import (
     Baseline,
@@ -33,14 +34,13 @@ from replay.regress.cluster import CLUSTER_ERROR, check_address, connected
 from replay.regress.corpus import Known, find_corpus
 from replay.regress.finish import FINISH_ERROR, finish
 from replay.regress.pool import run_here
-from replay.regress.reports.history import SUMMARY
-from replay.regress.reports.numbers import count
 from replay.regress.running import Execute, Plan, carry_out, resumed, start
 from replay.regress.selection import select
 from replay.regress.settings import DIRTY, Recordings
 from replay.regress.store import Store
 from replay.regress.timing import check_version
 from replay.regress.work import Outcome
+from replay.report.history import SUMMARY
 
 _FLAT = Parameter(name="*")
 _PARTIAL = ("--method", "--tag", "--only")

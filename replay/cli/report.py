@@ -5,14 +5,14 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from replay.base.errors import ReplayError
+from replay.base.files import WRITE_ERROR
 from replay.cli.console import Common, Voice
 from replay.cli.usage import ExitStatus, reflowed
-from replay.errors import ReplayError
-from replay.files import WRITE_ERROR
-from replay.regress.reports import make_report
-from replay.regress.reports.facts import state
-from replay.regress.reports.groups import failing_lines, groups
-from replay.regress.reports.model import RunData
+from replay.report import make_report
+from replay.report.facts import state
+from replay.report.groups import failing_lines, groups
+from replay.report.model import RunData
 
 
 @reflowed

@@ -8,24 +8,24 @@ from functools import partial
 from typing import Any
 
 from optim.methods import Method
-from optim.objective import Weights
-from optim.result import Iterate
-from replay.case import Case
+from optim.model.objective import Weights
+from optim.model.result import Iterate
+from replay.base.errors import LogError, OutputLost, ReplayError
+from replay.base.files import reserved
+from replay.base.kernels import any_compiled
 from replay.cli.console import Voice
 from replay.cli.outputs import Names, Outputs
+from replay.cli.tables import reasons, recorded_failures, remarks, result_table, verdict
 from replay.cli.usage import ExitStatus
-from replay.errors import LogError, OutputLost, ReplayError
-from replay.export import write_export
-from replay.files import reserved
-from replay.kernels import any_compiled
-from replay.live import LiveView
 from replay.logs import ReadOptions, read_cases
-from replay.progress import Progress
-from replay.results import to_document, tool, write_results
-from replay.run import Interrupted, MethodRun, Run, run_case
-from replay.solving import SolveEach, solve_in_turn
-from replay.tables import reasons, recorded_failures, remarks, result_table, verdict
-from replay.worker import NO_LIMITS, Limits, Workers, can_isolate, usable_cores
+from replay.logs.export import write_export
+from replay.recording.viewer import LiveView
+from replay.run.case import Case
+from replay.run.judge import Interrupted, MethodRun, Run, run_case
+from replay.run.progress import Progress
+from replay.run.results import to_document, tool, write_results
+from replay.run.solving import SolveEach, solve_in_turn
+from replay.run.worker import NO_LIMITS, Limits, Workers, can_isolate, usable_cores
 
 
 @dataclasses.dataclass(kw_only=True)

@@ -17,13 +17,13 @@ from typing import Any, Final, Literal, Union, get_args, get_origin
 
 from optim.methods import METHODS, Method
 from optim.methods.chain import named
-from optim.objective import Weights
-from optim.vehicle import Vehicle
+from optim.model.objective import Weights
+from optim.model.vehicle import Vehicle
 from replay.cli.options import Option, UsageError, given, options_of, read_toml, with_flags
 from replay.cli.reading import READING, read_options
 from replay.cli.usage import unknown
 from replay.logs import ReadOptions
-from replay.worker import Limits
+from replay.run.worker import Limits
 
 RUN: Final = ""
 WEIGHTS: Final = "weights"

@@ -6,15 +6,15 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from optim.vehicle import Vehicle
+from optim.model.vehicle import Vehicle
+from replay.base.errors import printable
 from replay.cli.console import Common, Voice
 from replay.cli.options import UsageError, options_of
 from replay.cli.reading import read_vehicle
 from replay.cli.usage import ExitStatus, reflowed
-from replay.errors import printable
-from replay.logs.folder import open_log
-from replay.logs.topics import is_wanted
-from replay.logs.vehicle import vehicle_in
+from replay.logs.container.folder import open_log
+from replay.logs.meaning.topics import is_wanted
+from replay.logs.meaning.vehicle import vehicle_in
 
 _DEFAULT = "default"
 _KEYS = options_of(Vehicle())

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 from rich.table import Table
 
+from replay.base.errors import ReplayError, printable
 from replay.cli.console import Common, Voice
 from replay.cli.invoked import program, to_paste
 from replay.cli.options import WholeNumber
 from replay.cli.usage import ExitStatus, reflowed
-from replay.errors import ReplayError, printable
 
 if TYPE_CHECKING:
     from replay.recording.dataset import Dataset

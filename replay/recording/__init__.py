@@ -20,14 +20,14 @@ Entities, with <path> = recorded or a method's name (- for a chain's +):
 import pathlib
 from typing import TYPE_CHECKING
 
-from replay.errors import ReplayError
-from replay.files import atomic_write
+from replay.base.errors import ReplayError
+from replay.base.files import atomic_write
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from replay.run import Run
-    from replay.style import Style
+    from replay.base.style import Style
+    from replay.run.judge import Run
 
 __all__ = ["prepare", "write_recording"]
 

@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from optim.problem import Problem
+from optim.model.problem import Problem
 from replay.recording.convergence import Plot
 from replay.recording.entities import GROUND, OUTSIDE, entity
 from replay.recording.picture import Frame

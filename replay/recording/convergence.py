@@ -10,17 +10,17 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import rerun as rr
 
-from optim.arrays import Array
+from optim.numerics.arrays import Array
+from replay.base.style import ALARM, Colour
 from replay.recording.entities import entity
 from replay.recording.scene import iteration_columns
 from replay.recording.text import plain
 from replay.recording.tracks import PROGRESS, Track
-from replay.style import ALARM, Colour
 
 _LEAST_VIOLATION: Final = 1e-6  # what is smaller is drawn as this: a logarithm has no 0
 _LEAST_RESIDUAL: Final = 1e-3  # likewise: how far below its tolerance a residual lies is no news
 
-_Row = Mapping[str, Any]  # one iterate of a history, see `replay.run.MethodRun.history`
+_Row = Mapping[str, Any]  # one iterate of a history, see `replay.run.judge.MethodRun.history`
 
 
 class Curve(NamedTuple):

@@ -6,15 +6,15 @@ from typing import Any, Final
 import numpy as np
 import rerun as rr
 
-from optim.arrays import Array
-from optim.result import Picture
-from optim.scene import Scene
+from optim.model.result import Picture
+from optim.model.scene import Scene
+from optim.numerics.arrays import Array
+from replay.base.style import Colour
 from replay.recording.entities import BRIGHT, entity, image, points
 from replay.recording.ground import log_legend
 from replay.recording.picture import Frame
 from replay.recording.text import number
 from replay.recording.tracks import Track
-from replay.style import Colour
 
 _COST: Final[Colour] = (236, 132, 44)
 _MOST_PIXELS: Final = 1200  # along a side

@@ -20,7 +20,7 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 from rerun.server import Server
 
-from replay.errors import ReplayError, printable
+from replay.base.errors import ReplayError, printable
 from replay.recording.common_blueprint import common_blueprint
 from replay.recording.writing import APPLICATION
 

@@ -6,8 +6,8 @@ import numpy as np
 import rerun as rr
 
 from optim.methods.chain import JOINT
+from replay.base.style import Colour
 from replay.recording.text import plain
-from replay.style import Colour
 
 BODIES: Final = ("truck", "trailer")
 GROUND: Final = ("/scene/map", "/scene/obstacles", "/scene/ends/**", "/scene/scale/**")

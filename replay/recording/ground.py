@@ -11,15 +11,15 @@ import rerun as rr
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from optim.arrays import Array
-from optim.problem import Problem
-from optim.scene import Scene
-from optim.vehicle import body_corners
-from replay.case import Case, MapImage
+from optim.model.problem import Problem
+from optim.model.scene import Scene
+from optim.model.vehicle import body_corners
+from optim.numerics.arrays import Array
+from replay.base.style import Colour
 from replay.recording.entities import LABEL, OUTSIDE, entity, image, label, points
 from replay.recording.picture import Frame, closed, fill, obstacle_area, rings
 from replay.recording.text import plain
-from replay.style import Colour
+from replay.run.case import Case, MapImage
 
 _DRAWN_CELLS: Final = 1600  # along the longer side of a map drawn from shapes
 _MOST_PIXELS: Final = 8192  # along a side; some browsers draw no larger textures

@@ -12,9 +12,9 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from optim.objective import objective
-from optim.result import Iterate
-from replay.case import Case
+from optim.model.objective import objective
+from optim.model.result import Iterate
+from replay.base.style import RECORDED, Style
 from replay.recording import ground, scene
 from replay.recording.blueprint import everything
 from replay.recording.entities import GROUND, OUTSIDE, entity, points
@@ -23,8 +23,8 @@ from replay.recording.picture import Frame, frame_around, swept_area, thinned
 from replay.recording.text import plain
 from replay.recording.tracks import tracks_of
 from replay.recording.writing import APPLICATION, fill
-from replay.run import Run
-from replay.style import RECORDED, Style
+from replay.run.case import Case
+from replay.run.judge import Run
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

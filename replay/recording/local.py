@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from optim.arrays import Array, frozen
-from optim.path import Path
-from optim.result import Picture
-from optim.scene import Scene
+from optim.model.path import Path
+from optim.model.result import Picture
+from optim.model.scene import Scene
+from optim.numerics.arrays import Array, frozen
 
 if TYPE_CHECKING:
-    from replay.run import MethodRun, Run
+    from replay.run.judge import MethodRun, Run
 
 FAR: Final = 4096.0
 """Distance from the origin [m] beyond which coordinates are shifted: single precision resolves half a millimetre."""

@@ -8,10 +8,10 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from optim.arrays import Array
-from optim.path import Path, Segment
-from optim.scene import Scene
-from optim.vehicle import Vehicle, body_corners
+from optim.model.path import Path, Segment
+from optim.model.scene import Scene
+from optim.model.vehicle import Vehicle, body_corners
+from optim.numerics.arrays import Array
 
 _SWEEP_SPACING = 0.25  # [m] between footprints that make the swept area; hulls fill in, a bend cuts off millimetres
 _SIMPLIFY = 0.01  # [m]: nobody sees a centimetre, and a path shrinks to a tenth

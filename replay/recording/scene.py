@@ -9,16 +9,16 @@ import rerun as rr
 import shapely
 from numpy.typing import NDArray
 
-from optim.arrays import Array
-from optim.path import Path
-from optim.problem import Problem
-from optim.vehicle import Vehicle, body_poses
-from replay.case import Case
+from optim.model.path import Path
+from optim.model.problem import Problem
+from optim.model.vehicle import Vehicle, body_poses
+from optim.numerics.arrays import Array
+from replay.base.style import ALARM, Colour, as_uint32
 from replay.recording.entities import BODIES, BRIGHT, LABEL, OUTSIDE, entity, image, points
 from replay.recording.picture import Frame, closed, fill, rings, strips, thinned
 from replay.recording.text import measured, number, plain
 from replay.recording.tracks import PROGRESS, Track
-from replay.style import ALARM, Colour, as_uint32
+from replay.run.case import Case
 
 WHISKER_FROM: Final = 3.0  # [m]: farther obstacles are no news
 STRAY_FROM: Final = 0.01  # [m]: logged poses nearer to the path than this lie on its line

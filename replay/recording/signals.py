@@ -7,15 +7,15 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from optim.arrays import Array
-from optim.path import Path
-from optim.problem import Problem
-from optim.scene import witnesses
+from optim.model.path import Path
+from optim.model.problem import Problem
+from optim.model.scene import witnesses
+from optim.numerics.arrays import Array
+from replay.base.style import ALARM
 from replay.recording.entities import entity
 from replay.recording.scene import columns_of
 from replay.recording.text import count, plain
 from replay.recording.tracks import PROGRESS, Track
-from replay.style import ALARM
 
 FORWARD: Final = (44, 92, 66)
 REVERSE: Final = (112, 66, 44)

@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from optim.arrays import Array
+from optim.numerics.arrays import Array
 from replay.recording.text import cell, change, count, measured, number, table
 from replay.recording.tracks import Track
-from replay.run import AS_GOOD
+from replay.run.judge import AS_GOOD
 
 if TYPE_CHECKING:
-    from replay.run import Run
+    from replay.run.judge import Run
 
 _NO_VALUE = "–"
 _LONGEST_OPTION = 60  # characters

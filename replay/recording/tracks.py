@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
-from optim.arrays import Array, IntArray
-from optim.path import Path, Samples
-from optim.problem import Problem
-from optim.result import Iterate, Picture
-from optim.scene import witnesses
+from optim.model.path import Path, Samples
+from optim.model.problem import Problem
+from optim.model.result import Iterate, Picture
+from optim.model.scene import witnesses
+from optim.numerics.arrays import Array, IntArray
+from replay.base.style import RECORDED, Style, styles
 from replay.recording.picture import swept_area
-from replay.style import RECORDED, Style, styles
 
 if TYPE_CHECKING:
-    from replay.run import MethodRun, Run
+    from replay.run.judge import MethodRun, Run
 
 PROGRESS: Final = 1000
 """Last value of the timeline `progress`."""

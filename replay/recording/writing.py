@@ -14,7 +14,8 @@ import rerun as rr
 from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
-from optim.arrays import Array
+from optim.numerics.arrays import Array
+from replay.base.style import Colour, Style
 from replay.recording import convergence, costs, ground, scene, signals, summary
 from replay.recording.blueprint import Content, blueprint
 from replay.recording.entities import BODIES, entity
@@ -22,11 +23,10 @@ from replay.recording.local import localised
 from replay.recording.picture import frame_around
 from replay.recording.text import change, number, plain
 from replay.recording.tracks import Track, best_of, tracks_of
-from replay.results import DISTRIBUTION
-from replay.style import Colour, Style
+from replay.run.results import DISTRIBUTION
 
 if TYPE_CHECKING:
-    from replay.run import Run
+    from replay.run.judge import Run
 
 APPLICATION: Final = "replay"
 

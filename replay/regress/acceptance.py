@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from replay.errors import ReplayError
+from replay.base.errors import ReplayError
 from replay.regress.baseline import Baseline
 from replay.regress.compare import Entry, baseline_entry, compare_log, is_other_log
 from replay.regress.corpus import Known

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from types import NoneType
 from typing import Any
 
-from replay.errors import ReplayError
-from replay.files import atomic_write
+from replay.base.errors import ReplayError
+from replay.base.files import atomic_write
+from replay.base.numbers import count
+from replay.base.strict_json import JsonError, read_json
 from replay.regress.corpus import Corpus
-from replay.regress.reports.numbers import count
-from replay.results import plain
-from replay.strict_json import JsonError, read_json
+from replay.run.results import plain
 
 BASELINE_ERROR = "E_BASELINE"
 SCHEMA = "replay.baseline/1"

@@ -17,7 +17,7 @@ import uuid
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import Any
 
-from replay.errors import ReplayError
+from replay.base.errors import ReplayError
 from replay.regress.slot import Slot
 from replay.regress.work import Job, Outcome, publish_error
 

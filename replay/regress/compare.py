@@ -4,10 +4,10 @@ import glob
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
+from replay.base.numbers import count
 from replay.regress.corpus import Known
 from replay.regress.gate import Metric, Value, metrics_of
-from replay.regress.reports.model import CRASHES, FAILING
-from replay.regress.reports.numbers import count
+from replay.report.model import CRASHES, FAILING
 
 Entry = dict[str, Any]
 

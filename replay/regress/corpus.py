@@ -31,7 +31,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from replay.errors import ReplayError, printable
+from replay.base.errors import ReplayError, printable
 
 CORPUS_ERROR = "E_CORPUS"
 LIST_NAME = "corpus.toml"

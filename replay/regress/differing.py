@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from replay.regress.baseline import Baseline
-from replay.results import plain
+from replay.run.results import plain
 
 _MOST = 5
 """Options that are named."""

@@ -11,21 +11,21 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from replay.errors import ReplayError
-from replay.files import atomic_write
+from replay.base.errors import ReplayError
+from replay.base.files import atomic_write
+from replay.base.numbers import count
+from replay.base.strict_json import parse_json
 from replay.regress.baseline import Baseline, read_baseline
 from replay.regress.compare import Entry, compare_log, gone, missing_log
 from replay.regress.corpus import Known
 from replay.regress.differing import other_options, uncompared
-from replay.regress.reports import make_report
-from replay.regress.reports.facts import acceptable, is_declared, state
-from replay.regress.reports.groups import failing_lines, groups
-from replay.regress.reports.model import LogError, RunData
-from replay.regress.reports.numbers import count
-from replay.regress.reports.reading import VERDICTS_SCHEMA
 from replay.regress.store import Store, file_stem
-from replay.results import plain
-from replay.strict_json import parse_json
+from replay.report import make_report
+from replay.report.facts import acceptable, is_declared, state
+from replay.report.groups import failing_lines, groups
+from replay.report.model import LogError, RunData
+from replay.report.reading import VERDICTS_SCHEMA
+from replay.run.results import plain
 
 FINISH_ERROR = "E_REPORT"
 _MOST_LINES = 20

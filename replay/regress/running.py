@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from replay.errors import ReplayError
-from replay.files import WRITE_ERROR, reserved
+from replay.base.errors import ReplayError
+from replay.base.files import WRITE_ERROR, reserved
+from replay.base.strict_json import JsonError, read_json
 from replay.regress.baseline import Baseline, read_baseline
 from replay.regress.corpus import Known, Log
 from replay.regress.differing import uncompared
-from replay.regress.reports.history import SUMMARY
-from replay.regress.reports.reading import LARGEST_LOG
 from replay.regress.settings import Settings, about_program, fingerprint, revision
 from replay.regress.store import Store, file_stem
 from replay.regress.work import Job, Outcome, digest
-from replay.strict_json import JsonError, read_json
+from replay.report.history import SUMMARY
+from replay.report.reading import LARGEST_LOG
 
 RESUME_ERROR = "E_RESUME"
 Execute = Callable[[Iterable[Job]], Generator[Outcome]]

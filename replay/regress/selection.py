@@ -3,7 +3,7 @@
 import fnmatch
 from collections.abc import Sequence
 
-from replay.errors import ReplayError
+from replay.base.errors import ReplayError
 from replay.regress.corpus import CORPUS_ERROR, Corpus, Log
 
 

@@ -14,9 +14,9 @@ from typing import Any, Literal
 
 from optim.methods import Method
 from optim.methods.chain import Chain
-from optim.objective import Weights
+from optim.model.objective import Weights
 from replay.logs import ReadOptions
-from replay.results import DISTRIBUTION, PACKAGES, installed_version
+from replay.run.results import DISTRIBUTION, PACKAGES, installed_version
 
 Recordings = Literal["all", "changed", "none"]
 DIRTY = "-dirty"

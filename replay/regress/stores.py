@@ -7,7 +7,7 @@ import os
 import pathlib
 from typing import Any
 
-from replay.errors import ReplayError
+from replay.base.errors import ReplayError
 
 STORE_ERROR = "E_STORE"
 

@@ -20,7 +20,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from replay.errors import ReplayError
+from replay.base.errors import ReplayError
 
 AGAINST_ERROR = "E_AGAINST"
 ALARM = 1.02

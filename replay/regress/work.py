@@ -8,16 +8,16 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from replay.case import Case
-from replay.errors import LogError, ReplayError
+from replay.base.errors import LogError, ReplayError
 from replay.logs import read_cases
 from replay.regress.compare import Entry, compare_log, worst
 from replay.regress.corpus import STORES, Known, Log
-from replay.regress.reports.reading import LOG_SCHEMA
 from replay.regress.settings import Settings
 from replay.regress.store import Store, file_stem
-from replay.run import MethodRun, Run, run_case
-from replay.solving import SolveEach
+from replay.report.reading import LOG_SCHEMA
+from replay.run.case import Case
+from replay.run.judge import MethodRun, Run, run_case
+from replay.run.solving import SolveEach
 
 Tell = Callable[[str], None]
 

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from optim.scene import Scene, clearance, collides, first_violation, make_scene, swept_clearance
-from optim.vehicle import Vehicle, body_corners, roll_out
-from replay.kernels import drop_stale
+from optim.model.scene import Scene, clearance, collides, first_violation, make_scene, swept_clearance
+from optim.model.vehicle import Vehicle, body_corners, roll_out
+from replay.base.kernels import drop_stale
 from tools.bench.timing import least
 from tools.script import existing, run
 

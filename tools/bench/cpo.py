@@ -2,9 +2,9 @@
 
 `python tools/bench/cpo.py [recordings/*.mcap]` takes the longest segment of each log, lays 300 points along it
 (`--points`) and lowers the same cost from the same start: by BFGS and L-BFGS in the metric of the sum of squares
-(`optim.cpo.descent`), and by scipy's BFGS and L-BFGS-B in plain coordinates. All are run to rest: ours to a promised
-decrease of 1e-10 of the cost, scipy's to its own tolerances, at most 3000 iterations. CPU seconds, one run each after
-a warm-up. Then J of every log by the whole method, beside the shortcut's.
+(`optim.methods.cpo.descent`), and by scipy's BFGS and L-BFGS-B in plain coordinates. All are run to rest: ours to a
+promised decrease of 1e-10 of the cost, scipy's to its own tolerances, at most 3000 iterations. CPU seconds, one run
+each after a warm-up. Then J of every log by the whole method, beside the shortcut's.
 """
 
 import argparse
@@ -15,15 +15,15 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize
 
-from optim.arrays import Array
-from optim.cpo.descent import descend
-from optim.cpo.points import Row, Track, spread
-from optim.cpo.terms import Terms
-from optim.methods.cpo import Cpo
+from optim.methods.cpo.descent import descend
+from optim.methods.cpo.method import Cpo
+from optim.methods.cpo.points import Row, Track, spread
+from optim.methods.cpo.terms import Terms
 from optim.methods.shortcut import Shortcut
-from optim.objective import objective
-from optim.problem import Problem
-from replay.kernels import drop_stale
+from optim.model.objective import objective
+from optim.model.problem import Problem
+from optim.numerics.arrays import Array
+from replay.base.kernels import drop_stale
 from replay.logs import read_cases
 from tools.script import existing, from_one, run
 

@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from optim.ddp.backward import backward_pass, new_expansion, new_policy
-from optim.ddp.solver import Settings, minimise
-from optim.methods.ddp import Ddp
-from optim.objective import objective
-from replay.kernels import drop_stale
+from optim.methods.ddp.backward import backward_pass, new_expansion, new_policy
+from optim.methods.ddp.method import Ddp
+from optim.methods.ddp.solver import Settings, minimise
+from optim.model.objective import objective
+from replay.base.kernels import drop_stale
 from replay.logs import read_cases
 from tools.bench.timing import least
 from tools.script import existing, run

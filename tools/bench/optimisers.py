@@ -17,16 +17,16 @@ import numpy as np
 from optim.methods import METHODS as KNOWN
 from optim.methods import Method
 from optim.methods.chain import named
-from optim.objective import objective
-from optim.problem import Problem
-from optim.result import Result
-from optim.scp import loop
-from optim.scp.subproblem import Step
-from replay.case import Case
+from optim.methods.scp import loop
+from optim.methods.scp.subproblem import Step
+from optim.model.objective import objective
+from optim.model.problem import Problem
+from optim.model.result import Result
+from replay.base.kernels import drop_stale
 from replay.cli import use_one_thread
-from replay.kernels import drop_stale
 from replay.logs import ReadOptions, read_cases
-from replay.run import run_case
+from replay.run.case import Case
+from replay.run.judge import run_case
 from tools.bench.peers.common import Given
 from tools.script import existing, run
 

@@ -54,8 +54,8 @@ def make_log(path: pathlib.Path, compression: str) -> None:
 
 def measure(path: pathlib.Path) -> dict[str, Any]:
     """Read one log, in this process."""
-    from replay.logs.folder import open_log
-    from replay.logs.topics import is_wanted, topics_of
+    from replay.logs.container.folder import open_log
+    from replay.logs.meaning.topics import is_wanted, topics_of
 
     before = _peak_mib()
     wall, cpu = time.perf_counter(), time.process_time()

@@ -14,7 +14,7 @@ from replay.cli import use_one_thread
 
 use_one_thread()
 
-from replay.kernels import drop_stale  # noqa: E402 - after the threads have been settled
+from replay.base.kernels import drop_stale  # noqa: E402 - after the threads have been settled
 from tools.script import run  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]

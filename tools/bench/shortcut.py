@@ -11,9 +11,9 @@ import statistics
 import time
 
 from optim.methods.shortcut import Shortcut
-from optim.objective import objective
-from optim.problem import Problem
-from replay.kernels import drop_stale
+from optim.model.objective import objective
+from optim.model.problem import Problem
+from replay.base.kernels import drop_stale
 from replay.logs import read_cases
 from tools.script import existing, run
 

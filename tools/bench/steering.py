@@ -19,9 +19,9 @@ import time
 
 import numpy as np
 
+from optim.model.vehicle import Vehicle, rk4_step
 from optim.steering import Flat, connections
-from optim.vehicle import Vehicle, rk4_step
-from replay.kernels import drop_stale
+from replay.base.kernels import drop_stale
 from tools.script import from_one, run
 
 VEHICLES = {
@@ -107,7 +107,7 @@ def print_cold_start() -> None:
     program = (
         "import time\n"
         "from optim.steering import Flat, connections\n"
-        "from optim.vehicle import Vehicle\n"
+        "from optim.model.vehicle import Vehicle\n"
         "begin = time.process_time()\n"
         "for connection in connections(Vehicle(), Flat(0, 0, 0, 0, 0), Flat(30, -5, 0, 0, 0), 1):\n"
         "    connection.segment()\n"

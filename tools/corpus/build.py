@@ -10,17 +10,17 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from optim.arrays import Array
-from optim.cover import cover_cells
-from optim.path import sample_segment
-from optim.scene import Scene, make_scene
-from optim.vehicle import Vehicle
+from optim.geometry.cover import cover_cells
+from optim.model.path import sample_segment
+from optim.model.scene import Scene, make_scene
+from optim.model.vehicle import Vehicle
+from optim.numerics.arrays import Array
+from optim.planning.closed_loop import ClosedLoopTree
+from optim.planning.hybrid import HybridAStar
+from optim.planning.protocol import Plan, Planner, Task
+from optim.planning.rrt import Found, Search, plan
 from tools.corpus.grid import Cells, draw_grid
-from tools.corpus.rrt import Found, Search, plan
 from tools.corpus.site import Site, footprints, ground, place_flat
-from tools.planners.closed_loop import ClosedLoopTree
-from tools.planners.hybrid import HybridAStar
-from tools.planners.protocol import Plan, Planner, Task
 
 MAX_SEEDS = 100
 """So many searches are tried for a site before it counts as impossible."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from optim.vehicle import Vehicle
+from optim.model.vehicle import Vehicle
 from tools.corpus import families, lots, odd, yards
 from tools.corpus.build import Built, build, build_with
 from tools.corpus.public import PUBLIC

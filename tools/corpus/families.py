@@ -15,12 +15,12 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from optim.scene import clearance, make_scene
+from optim.model.scene import clearance, make_scene
+from optim.model.vehicle import Vehicle, state_from_flat
+from optim.planning.rrt import Search
 from optim.steering.flat import Flat
-from optim.vehicle import Vehicle, state_from_flat
 from tools.corpus.build import Built, build, build_with
 from tools.corpus.lots import CITY, LONG
-from tools.corpus.rrt import Search
 from tools.corpus.site import Area, Box, Grid, Obstacle, Shapes, Site, Wall, footprints, ground, place_flat
 from tools.corpus.yards import backed_up, parked_trailer
 

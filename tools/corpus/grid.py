@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from optim.arrays import Array
-from optim.vehicle import body_corners, state_from_flat
+from optim.model.vehicle import body_corners, state_from_flat
+from optim.numerics.arrays import Array
 from tools.corpus.site import Grid, Pose, Site, footprints, ground, place, place_flat
 
 OCCUPIED, UNKNOWN = 65, -1

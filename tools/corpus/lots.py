@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from optim.model.vehicle import Vehicle
 from optim.steering.flat import Flat
-from optim.vehicle import Vehicle
 from tools.corpus.site import Area, Box, Grid, Obstacle, Shapes, Site, Wall, place
 from tools.corpus.yards import backed_up, parked_combination, parked_trailer
 

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
+from optim.model.vehicle import Vehicle, state_from_flat
 from optim.steering.flat import Flat
-from optim.vehicle import Vehicle, state_from_flat
 from tools.corpus.build import Built, Poses, build
 from tools.corpus.site import Area, Box, Shapes, Site
 from tools.corpus.write import to_bytes

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
+from optim.model.vehicle import Vehicle
 from optim.steering.flat import Flat
-from optim.vehicle import Vehicle
 from tools.corpus.site import Area, Block, Grid, Shapes, Site
 
 Points = tuple[tuple[float, float], ...]

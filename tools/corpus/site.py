@@ -10,9 +10,9 @@ from typing import Literal
 
 import numpy as np
 
-from optim.arrays import Array
+from optim.model.vehicle import Vehicle
+from optim.numerics.arrays import Array
 from optim.steering.flat import Flat
-from optim.vehicle import Vehicle
 
 Pose = tuple[float, float, float]
 """x [m], y [m], yaw [rad]."""

@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from optim.arrays import Array
+from optim.numerics.arrays import Array
 from tools.corpus.build import Built
 from tools.corpus.grid import Cells
 from tools.corpus.site import Block, Box, Obstacle, Pose, Shapes, Site, Wall, place

@@ -2,8 +2,8 @@
 
 import math
 
+from optim.model.vehicle import Vehicle
 from optim.steering.flat import Flat
-from optim.vehicle import Vehicle
 from tools.corpus.site import Area, Block, Box, Grid, Obstacle, Shapes, Site, Wall
 
 TRAILER_LENGTH, TRAILER_WIDTH = 13.6, 2.55

@@ -8,8 +8,8 @@ import pathlib
 
 import numpy as np
 
+from optim.model.vehicle import Vehicle, flat_from_state, roll_out
 from optim.steering.flat import Flat
-from optim.vehicle import Vehicle, flat_from_state, roll_out
 from tools.corpus.build import Built, Poses
 from tools.corpus.site import Box, Shapes, Site
 from tools.corpus.write import to_bytes

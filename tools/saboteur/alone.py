@@ -5,9 +5,9 @@ import math
 import numpy as np
 import shapely
 
-from optim.audit_data import COLUMNS
-from optim.path import roll_out_segment
-from optim.vehicle import body_corners, roll_out
+from optim.audit.data import COLUMNS
+from optim.model.path import roll_out_segment
+from optim.model.vehicle import body_corners, roll_out
 from tools.saboteur.claims import (
     TOLERANCES,
     Claim,

@@ -1,7 +1,7 @@
 """What kinds of sabotage are made of: each takes a sound claim and random numbers, and spoils it.
 
-A claim is what `optim.audit.audit_path` takes, by name, with arrays for the columns of paths; `as_json` gives what a
-file would hold. Amounts are the tolerance of the check times `excess`: half of them 1.05, the rest up to 20.
+A claim is what `optim.audit.checks.audit_path` takes, by name, with arrays for the columns of paths; `as_json` gives
+what a file would hold. Amounts are the tolerance of the check times `excess`: half of them 1.05, the rest up to 20.
 """
 
 import copy
@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from optim.audit import Tolerances
-from optim.audit_data import COLUMNS
-from optim.objective import Weights, objective
-from optim.path import Path
-from optim.scene import Scene
-from optim.vehicle import Vehicle, body_corners
+from optim.audit.checks import Tolerances
+from optim.audit.data import COLUMNS
+from optim.model.objective import Weights, objective
+from optim.model.path import Path
+from optim.model.scene import Scene
+from optim.model.vehicle import Vehicle, body_corners
 
 Claim = dict[str, Any]
 Rng = np.random.Generator

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from optim.audit_data import COLUMNS
+from optim.audit.data import COLUMNS
 from tools.saboteur.claims import (
     Claim,
     Damage,

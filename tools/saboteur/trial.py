@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-import optim.audit as audit
-import optim.audit_data as audit_data
+import optim.audit.checks as audit
+import optim.audit.data as audit_data
 from tools.saboteur import alone, forged
 from tools.saboteur.claims import KINDS, Claim, Kind, as_json, copied
 

@@ -4,13 +4,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from optim.methods.transcription import Knots, path_of
-from optim.objective import objective
-from optim.path import Path
-from optim.problem import Problem
-from optim.result import OnIterate, Result, Stop, ignore
-from replay.case import Case
-from replay.run import run_case
+from optim.knots.transcription import Knots, path_of
+from optim.model.objective import objective
+from optim.model.path import Path
+from optim.model.problem import Problem
+from optim.model.result import OnIterate, Result, Stop, ignore
+from replay.run.case import Case
+from replay.run.judge import run_case
 
 SPACING = 0.35
 """Distance between knots [m], for all who work at knots; that of ddp, nlp and scp."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from optim.arrays import Array, IntArray
+from optim.numerics.arrays import Array, IntArray
 from tools.bench.peers.stage_pointers import slopes_pointer, value_pointer
 
 SOURCE = pathlib.Path(__file__).with_name("crocoddyl_model.cpp")

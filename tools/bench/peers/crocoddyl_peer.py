@@ -15,12 +15,12 @@ from typing import Any, cast
 
 import numpy as np
 
-from optim.arrays import Array, IntArray
-from optim.ddp.augmented import FALLEN, GROWTH, Descent, Plan, descend, start_descent
-from optim.ddp.model import TruckModel, knots_from
-from optim.ddp.search import required_clearance
-from optim.methods.transcription import Knots, knots_of, objective_of
-from optim.problem import Problem
+from optim.knots.transcription import Knots, knots_of, objective_of
+from optim.methods.ddp.augmented import FALLEN, GROWTH, Descent, Plan, descend, start_descent
+from optim.methods.ddp.model import TruckModel, knots_from
+from optim.methods.ddp.search import required_clearance
+from optim.model.problem import Problem
+from optim.numerics.arrays import Array, IntArray
 from tools.bench.peers.common import SPACING
 from tools.bench.peers.crocoddyl_build import Shooting
 from tools.bench.peers.stage_kernels import stage_slopes, stage_value

@@ -12,12 +12,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import minimize
 
-from optim.arrays import Array
-from optim.cpo.drivable import drivable_stretch
-from optim.cpo.points import Track, spread
-from optim.methods.cpo import Cpo
-from optim.path import Path, Segment, segment_from_states
-from optim.problem import Problem
+from optim.methods.cpo.drivable import drivable_stretch
+from optim.methods.cpo.method import Cpo
+from optim.methods.cpo.points import Track, spread
+from optim.model.path import Path, Segment, segment_from_states
+from optim.model.problem import Problem
+from optim.numerics.arrays import Array
 from tools.bench.peers.common import Answer
 
 MOST_ITERATIONS = 1000

@@ -17,8 +17,8 @@ import numpy as np
 from numba.core.registry import CPUDispatcher
 
 from optim.methods import METHODS
-from optim.problem import Problem
-from replay.files import atomic_write
+from optim.model.problem import Problem
+from replay.base.files import atomic_write
 from replay.logs import read_cases
 
 LOGS = ("bay_01", "dock_01", "parallel_02")

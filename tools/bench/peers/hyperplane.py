@@ -3,7 +3,7 @@
 For each pair: n . v <= c for the obstacle's vertices, n . corner >= c + d for the body's, |n| <= 1; three unknowns
 instead of the eight or more of the dual one. Two variants: **all** pairs in one program for IPOPT; and the pairs
 within `REACH` of the recorded path for fatrop, which wants stages: states (x, y, theta, alpha, phi, L), controls
-(next phi, next L, lines), as in `optim.ddp.truck`.
+(next phi, next L, lines), as in `optim.methods.ddp.truck`.
 """
 
 import time
@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from optim.arrays import Array
-from optim.methods.transcription import Knots, knots_of
-from optim.nlp.duals import Pairs, pairs_within
-from optim.nlp.model import Units, step_function
-from optim.problem import Problem
-from optim.scene import Scene, witnesses
+from optim.knots.transcription import Knots, knots_of
+from optim.methods.nlp.duals import Pairs, pairs_within
+from optim.methods.nlp.model import Units, step_function
+from optim.model.problem import Problem
+from optim.model.scene import Scene, witnesses
+from optim.numerics.arrays import Array
 from tools.bench.peers.common import SPACING, Answer, path_at
 from tools.bench.peers.obca import all_pairs, ipopt_options
 
@@ -137,7 +137,7 @@ def _pair_function(problem: Problem, body: int, count: int, length: float) -> An
 
 
 def cost_of(problem: Problem, knots: Knots, parts: list[Stage], length: float) -> Any:
-    """J, less the constant of the gear changes, over the scale of `optim.nlp.model`."""
+    """J, less the constant of the gear changes, over the scale of `optim.methods.nlp.model`."""
     weights, total = problem.weights, 0.0
     shares = np.zeros(len(knots.h))
     for run in knots.runs:

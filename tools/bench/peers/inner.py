@@ -10,10 +10,10 @@ import statistics
 from collections.abc import Callable
 from typing import Any
 
-from optim.problem import Problem
-from replay.case import Case
-from replay.files import atomic_write
+from optim.model.problem import Problem
+from replay.base.files import atomic_write
 from replay.logs import read_cases
+from replay.run.case import Case
 from tools.bench.peers import crocoddyl_build, crocoddyl_peer
 from tools.bench.peers.common import measure_path, path_at
 

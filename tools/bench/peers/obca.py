@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from optim.arrays import Array
-from optim.methods.transcription import Knots, knots_of
-from optim.nlp.duals import Pairs
-from optim.nlp.ipopt import Ipopt, IpoptOptions
-from optim.nlp.model import build
-from optim.problem import Problem
+from optim.knots.transcription import Knots, knots_of
+from optim.methods.nlp.duals import Pairs
+from optim.methods.nlp.ipopt import Ipopt, IpoptOptions
+from optim.methods.nlp.model import build
+from optim.model.problem import Problem
+from optim.numerics.arrays import Array
 from tools.bench.peers.common import SPACING, Answer, path_at
 
 TIME_LIMIT = 100.0

@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from optim.arrays import Array
-from optim.methods.transcription import Knots, knots_of
-from optim.problem import Problem
+from optim.knots.transcription import Knots, knots_of
+from optim.model.problem import Problem
+from optim.numerics.arrays import Array
 from tools.bench.peers.common import SPACING, Answer, path_at
 
 SLOTS = 3

@@ -16,11 +16,11 @@ import numpy as np
 import shapely
 from numba import njit
 
-from optim.arrays import Array, BoolArray, IntArray
-from optim.collision import box_distance, rectangle, separating_gap, signed_distance
-from optim.scene import Scene, clearance, collides
-from optim.vehicle import Vehicle, body_corners, body_poses
-from replay.files import atomic_write
+from optim.geometry.collision import box_distance, rectangle, separating_gap, signed_distance
+from optim.model.scene import Scene, clearance, collides
+from optim.model.vehicle import Vehicle, body_corners, body_poses
+from optim.numerics.arrays import Array, BoolArray, IntArray
+from replay.base.files import atomic_write
 from replay.logs import read_cases
 from tools.bench.timing import least
 

@@ -13,10 +13,10 @@ from typing import Any
 
 from optim.methods import METHODS
 from optim.methods.chain import named
-from optim.objective import objective
-from optim.problem import Problem
-from optim.scp.statement import statement
-from replay.files import atomic_write
+from optim.methods.scp.statement import statement
+from optim.model.objective import objective
+from optim.model.problem import Problem
+from replay.base.files import atomic_write
 from replay.logs import read_cases
 from tools.bench.peers import dolgov, hyperplane, obca, openscvx_peer
 from tools.bench.peers.common import Answer, Contender, Verdict, measure

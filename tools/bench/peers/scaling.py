@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import shapely
 
-from optim.cover import cover_cells
+from optim.geometry.cover import cover_cells
+from optim.knots.transcription import knots_of
 from optim.methods import METHODS, Method
-from optim.methods.ddp import Ddp
-from optim.methods.scp import Scp
-from optim.methods.transcription import knots_of
-from optim.path import Path, Segment, reverse, segment_from_states
-from optim.problem import Problem
-from optim.scene import make_scene
-from optim.scp.statement import bucket, statement
-from optim.vehicle import body_corners
-from replay.files import atomic_write
+from optim.methods.ddp.method import Ddp
+from optim.methods.scp.method import Scp
+from optim.methods.scp.statement import bucket, statement
+from optim.model.path import Path, Segment, reverse, segment_from_states
+from optim.model.problem import Problem
+from optim.model.scene import make_scene
+from optim.model.vehicle import body_corners
+from replay.base.files import atomic_write
 from replay.logs import read_cases
 from tools.bench.timing import least
 

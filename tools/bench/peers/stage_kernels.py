@@ -1,4 +1,4 @@
-"""Kernels: one stage of `optim.ddp.truck` at a time, as libraries ask for them that own the loop over the stages.
+"""Kernels: one stage of `optim.methods.ddp.truck` at a time, for libraries that own the loop over the stages.
 
 The limits of the steering move with the state there; libraries with constant boxes get them by a change of control:
 w in [-1, 1] with phi+ = phi + w max_steer_rate h while driving, which keeps the rate's limit; |phi| <= max_steer
@@ -8,9 +8,9 @@ becomes one more term of the augmented Lagrangian. Everything else is the same a
 import numpy as np
 from numba import njit
 
-from optim.ddp.constraints import knot_terms
-from optim.ddp.truck import CONTROLS, STATES, _drive_cost, _drive_dynamics, _next_state, _stage_cost
-from optim.step import VARIABLES, step_jet
+from optim.knots.step import VARIABLES, step_jet
+from optim.methods.ddp.constraints import knot_terms
+from optim.methods.ddp.truck import CONTROLS, STATES, _drive_cost, _drive_dynamics, _next_state, _stage_cost
 
 _SIZE = STATES + CONTROLS
 

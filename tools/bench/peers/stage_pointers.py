@@ -13,11 +13,11 @@ from numba import cfunc, njit, types
 from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
-from optim.arrays import Array, IntArray
-from optim.ddp.backward import Expansion
-from optim.ddp.constraints import Lagrangian, Rows
-from optim.ddp.truck import Stages
-from optim.geometry import PackedScene
+from optim.geometry.polygons import PackedScene
+from optim.methods.ddp.backward import Expansion
+from optim.methods.ddp.constraints import Lagrangian, Rows
+from optim.methods.ddp.truck import Stages
+from optim.numerics.arrays import Array, IntArray
 from tools.bench.peers.stage_kernels import stage_slopes, stage_value
 
 COLUMNS = 5  # address, and up to four sizes

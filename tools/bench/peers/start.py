@@ -10,10 +10,10 @@ import tempfile
 import time
 from typing import Any
 
-from replay.files import atomic_write
+from replay.base.files import atomic_write
 
 LOG = "bay_01"
-IMPORTS = ("numpy", "numba", "optim.methods", "replay.run", "casadi", "cvxpy", "rerun")
+IMPORTS = ("numpy", "numba", "optim.methods", "replay.run.judge", "casadi", "cvxpy", "rerun")
 Row = dict[str, Any]
 
 

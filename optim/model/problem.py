@@ -1,0 +1,71 @@
+"""What every method is given: vehicle, scene, recorded path, weights, margin."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from optim.model.objective import Weights
+from optim.model.path import Path
+from optim.model.scene import Scene, clearance, swept_clearance
+from optim.model.vehicle import Vehicle
+from optim.numerics.arrays import Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Problem:
+    """Improve `recorded` in `scene` for `vehicle`: same first state, same last state, less J with `weights`."""
+
+    vehicle: Vehicle
+    scene: Scene
+    recorded: Path
+    weights: Weights = field(default_factory=Weights)
+    margin: float = 0.1
+    """Clearance to keep from every obstacle [m]: swept clearance >= min(margin, the recorded path's own)."""
+    nodes: Array | None = None
+    """Arc lengths of the recorded path [m] at which the planner's tree nodes lie. Shape (K,), or None if unknown."""
+    start: Path | None = None
+    """Where a method begins if not with the recorded path: an earlier result for this problem.
+
+    It has the ends of the recorded path (the last heading up to full turns) and keeps the required clearance, which
+    stays that of the recorded path."""
+
+    @property
+    def initial(self) -> Path:
+        """The path that a method begins with, and gives back where it finds nothing better."""
+        return self.recorded if self.start is None else self.start
+
+    @cached_property
+    def recorded_clearance(self) -> float:
+        """Smallest swept clearance of the recorded path [m], both bodies; negative where it overlaps."""
+        return path_clearance(self.vehicle, self.scene, self.recorded)
+
+    @cached_property
+    def required_clearance(self) -> float:
+        """Swept clearance that a result must have [m]: the margin, or less where the recorded path itself has less.
+
+        A recorded path that collides on its way does not lower the requirement below what its ends allow.
+        """
+        if self.recorded_clearance >= 0.0:
+            return min(self.margin, self.recorded_clearance)
+        ends = [self.recorded.start, self.recorded.goal]
+        return max(0.0, min(self.margin, *(float(clearance(self.scene, self.vehicle, q[None]).min()) for q in ends)))
+
+
+def within_limits(vehicle: Vehicle, path: Path, slack: float) -> bool:
+    """Whether steering, hitch angle and steering rate of a path keep their limits; slack: relative, such as 1e-3."""
+    samples, most = path.samples, 1.0 + slack
+    rate = max(float(np.abs(np.diff(part.phi) / np.diff(part.s)).max()) for part in path.segments)
+    return bool(
+        np.abs(samples.phi).max() <= vehicle.max_steer * most
+        and np.abs(samples.states[:, 3]).max() <= vehicle.max_hitch * most
+        and rate <= vehicle.max_steer_rate * most
+    )
+
+
+def path_clearance(vehicle: Vehicle, scene: Scene, path: Path) -> float:
+    """Smallest swept clearance of a path [m]: a proven lower bound, both bodies, between samples too."""
+    values = [
+        swept_clearance(scene, vehicle, segment.s, segment.states, segment.phi).min() for segment in path.segments
+    ]
+    return float(min(values))

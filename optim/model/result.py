@@ -1,0 +1,80 @@
+"""What a method gives back. Its word is not believed: `optim.audit.checks` decides."""
+
+import enum
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from optim.model.path import Path
+from optim.numerics.arrays import Array, BoolArray
+
+
+class Stop(enum.Enum):
+    """Why a method stopped; the value is what the user reads."""
+
+    CONVERGED = "converged"
+    ITERATION_LIMIT = "iteration limit"
+    TIME_LIMIT = "time limit"
+    STALLED = "stalled"
+    INFEASIBLE = "infeasible"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Picture:
+    """What a method works on besides the path, for drawing."""
+
+    points: Array
+    """Points that it moves [m]. Shape (N, 2)."""
+    anchored: BoolArray
+    """Which of them it held in place. Shape (N,)."""
+    cost_map: Array
+    """What it costs a point to be at a node of the grid [-]. Shape (rows, columns)."""
+    origin: tuple[float, float]
+    """The node cost_map[0, 0] [m]."""
+    resolution: float
+    """Distance between neighbouring nodes [m]."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Iterate:
+    """A path on the way to the result, or a trial that was turned down, as the recording plays it back."""
+
+    iteration: int
+    path: Path
+    objective: float
+    """J of the iterate [-]."""
+    violation: float = 0.0
+    """Largest violation of a constraint, in the method's own scaling; 0 for methods that stay feasible."""
+    step: float = 0.0
+    """Size of the step that led here: m of path replaced, or the method's own norm."""
+    residuals: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """What decides convergence, by name, each divided by its tolerance [-]: converged when all are <= 1."""
+    accepted: bool = True
+    """False for a trial step that was turned down; the path is the trial's then, and may violate anything."""
+    trust_region: float = math.nan
+    """Radius relative to the first one [-]; NaN for methods without a trust region."""
+    solver_s: float = math.nan
+    """Time inside a foreign solver for this iterate, as that solver says [s]; NaN for methods without one."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Result:
+    """The outcome of one method on one problem."""
+
+    path: Path
+    stop: Stop
+    reason: str
+    """One sentence for the user."""
+    iterations: int
+    """In the method's own counting, those that were turned down among them."""
+    picture: Picture | None = None
+    """Of methods that move points through a map of costs."""
+
+
+OnIterate = Callable[[Iterate], None]
+
+
+def ignore(_: Iterate) -> None:
+    """The `OnIterate` that does nothing."""

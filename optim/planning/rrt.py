@@ -1,0 +1,204 @@
+"""A bidirectional rapidly-exploring random tree over exact steering: feasible paths, not good ones.
+
+One tree grows from the start, one from the goal, the latter along reversed time. A node is a flat state with
+sharpness 0, so that the steering is continuous from edge to edge; an edge is one exact connection in one gear,
+clear of obstacles between its samples too. The first path found is returned as it is, with all the needless turns
+of the samples it happened to go through: that is what the corpus is for.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from optim.model.scene import first_violation
+from optim.numerics.arrays import Array
+from optim.planning.protocol import Task
+from optim.steering.connect import Connection, connections
+from optim.steering.flat import Flat
+from tools.corpus.site import place_flat
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """How the trees grow."""
+
+    max_iterations: int = 600
+    """The search gives up after so many samples."""
+    neighbours: int = 3
+    """Nodes that are extended towards a sample until one gives a new node."""
+    shots: int = 8
+    """Random curvatures and lengths per gear, of which the ones that end nearest to the sample are tried."""
+    step: tuple[float, float] = (4.0, 15.0)
+    """Shortest and longest shot [m of the trailer's axle]."""
+    straight: float = 0.5
+    """Share of shots that end with a straight hitch; the others end with any curvature."""
+    max_bridge: float = 28.0
+    """Longest edge between the trees [m of the trailer's axle]."""
+    bridges: int = 6
+    """Nodes of the other tree to which a new node is tried to be joined."""
+    heading_weight: float = 6.0
+    """Distance that a difference of 1 rad in heading counts for [m]."""
+    cost_weight: float = 0.12
+    """Distance that 1 m on the way from the root to a node counts for [m]: short ways are extended first."""
+    cusp_cost: float = 8.0
+    """Length that a gear change counts for on that way [m]."""
+    spacing: float = 0.2
+    """Samples for the collision check are at most this far apart [m]."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Found:
+    """A path of the planner: connections in the order of travel, and the samples that it took."""
+
+    edges: tuple[Connection, ...]
+    iterations: int
+
+
+class _Tree:
+    """Nodes with their parents, and the edge that joins each to its parent."""
+
+    def __init__(self, root: Flat, search: Search, forward_in_time: bool) -> None:
+        self.nodes = [root]
+        self.parents = [-1]
+        self.edges: list[Connection | None] = [None]
+        self.forward_in_time = forward_in_time
+        self.search = search
+        self._table = np.empty((search.max_iterations + 1, 4))  # x, y, heading, cost of the way from the root
+        self._table[0] = (*root[:3], 0.0)
+
+    def add(self, node: Flat, parent: int, edge: Connection) -> int:
+        before = self.edges[parent]
+        turned = before is not None and before.direction != edge.direction
+        cost = self._table[parent, 3] + edge.trailer_length + turned * self.search.cusp_cost
+        self._table[len(self.nodes)] = (*node[:3], cost)
+        self.nodes.append(node)
+        self.parents.append(parent)
+        self.edges.append(edge)
+        return len(self.nodes) - 1
+
+    def nearest(self, node: Flat, count: int) -> list[int]:
+        """Indices of the nearest nodes by position, heading and cost of the way to them, nearest first."""
+        table = self._table[: len(self.nodes)]
+        far = _distance(table, node, self.search.heading_weight) + self.search.cost_weight * table[:, 3]
+        return np.argsort(far.round(6), kind="stable")[:count].tolist()
+
+    def branch(self, index: int) -> list[Connection]:
+        """The edges from a node to the root."""
+        edges = []
+        while (edge := self.edges[index]) is not None:
+            edges.append(edge)
+            index = self.parents[index]
+        return edges
+
+
+class _Planner:
+    """One search: task and options at hand for every edge."""
+
+    def __init__(self, task: Task, search: Search, seed: int) -> None:
+        self.task, self.search = task, search
+        weights = np.array([area.weight for area in task.areas])
+        self.shares = weights / weights.sum()
+        self.rng = np.random.default_rng(seed)
+
+    def draw(self) -> Flat:
+        """A random position and heading in one of the areas."""
+        area = self.task.areas[self.rng.choice(len(self.task.areas), p=self.shares)]
+        x0, y0, x1, y1 = area.box
+        turn = self.rng.uniform(-area.spread, area.spread)
+        x, y = self.rng.uniform(x0, x1), self.rng.uniform(y0, y1)
+        return place_flat(Flat(x, y, area.heading + turn, 0.0), self.task.pose)
+
+    def shots(self, parent: Flat, sample: Flat) -> list[tuple[Flat, int]]:
+        """Ends of random curvature ramps out of the parent in both gears, nearest to the sample first."""
+        search, rng = self.search, self.rng
+        count = 2 * search.shots
+        gear = np.repeat([1, -1], search.shots)
+        length = rng.uniform(*search.step, count)
+        limit = 0.85 * self.task.vehicle.max_kappa
+        kappa = np.where(rng.random(count) < search.straight, 0.0, rng.uniform(-limit, limit, count))
+        ends = ramp_ends(parent, kappa.round(4), (gear * length).round(2))
+        far = _distance(ends, sample, search.heading_weight)
+        order = np.argsort(far.round(6), kind="stable")[: search.shots // 2]
+        return [(Flat(*ends[i].round(4).tolist()), int(gear[i])) for i in order]
+
+    def link(self, start: Flat, end: Flat, gear: int, longest: float) -> Connection | None:
+        """The shortest connection that is clear of obstacles."""
+        task = self.task
+        for edge in connections(task.vehicle, start, end, gear, longest)[:2]:
+            s, states, _ = edge.sample(self.search.spacing)
+            if first_violation(task.scene, task.vehicle, s, states, task.margin) < 0:
+                return edge
+        return None
+
+    def extend(self, tree: _Tree, sample: Flat) -> int | None:
+        """Add one node in the direction of the sample; its index, or None."""
+        for parent in tree.nearest(sample, self.search.neighbours):
+            for node, gear in self.shots(tree.nodes[parent], sample):
+                if tree.forward_in_time:
+                    edge = self.link(tree.nodes[parent], node, gear, 1.5 * self.search.step[1])
+                else:
+                    edge = self.link(node, tree.nodes[parent], -gear, 1.5 * self.search.step[1])
+                if edge is not None:
+                    return tree.add(node, parent, edge)
+        return None
+
+    def bridge(self, tree: _Tree, index: int, other: _Tree) -> list[Connection] | None:
+        """The whole path if the node can be joined to the other tree."""
+        node = tree.nodes[index]
+        for near in other.nearest(node, self.search.bridges):
+            ends = (index, near) if tree.forward_in_time else (near, index)
+            first, last = (tree, other) if tree.forward_in_time else (other, tree)
+            for gear in (1, -1):
+                edge = self.link(first.nodes[ends[0]], last.nodes[ends[1]], gear, self.search.max_bridge)
+                if edge is not None:
+                    return [*first.branch(ends[0])[::-1], edge, *last.branch(ends[1])]
+        return None
+
+
+def ramp_ends(start: Flat, kappa: Array, length: Array) -> Array:
+    """Flat states at the ends of cubic curvature ramps from `start` to `kappa` over signed lengths [m].
+
+    kappa(u) = k0 + (k1 - k0) (3 u^2 - 2 u^3) has slope 0 at both ends, u the share of the length. Shape (n, 5).
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(10)
+    u, step = 0.5 * (nodes + 1.0), (kappa - start.kappa)[:, None]
+    turn = length[:, None] * (start.kappa * u + step * (u**3 - 0.5 * u**4))
+    x = start.x + length * np.sum(0.5 * weights * np.cos(start.theta + turn), axis=1)
+    y = start.y + length * np.sum(0.5 * weights * np.sin(start.theta + turn), axis=1)
+    theta = start.theta + 0.5 * length * (start.kappa + kappa)
+    return np.stack([x, y, theta, kappa, np.zeros_like(kappa)], axis=1)
+
+
+def _distance(poses: Array, to: Flat, heading_weight: float) -> Array:
+    """Distance of poses (n, 3 or more) in position and heading [m]. Shape (n,)."""
+    turn = np.abs(np.mod(poses[:, 2] - to.theta + math.pi, 2.0 * math.pi) - math.pi)
+    return np.hypot(poses[:, 0] - to.x, poses[:, 1] - to.y) + heading_weight * turn
+
+
+def plan(
+    task: Task, seed: int, search: Search | None = None, is_late: Callable[[], bool] = lambda: False
+) -> Found | None:
+    """The first path that the trees find from start to goal, or None after the largest number of samples or too late.
+
+    The path keeps the vehicle's limits and the task's margin from every obstacle, between samples too. The same seed
+    gives the same path.
+    """
+    search = search or Search()
+    planner = _Planner(task, search, seed)
+    trees = (
+        _Tree(task.start, search, forward_in_time=True),
+        _Tree(task.goal, search, forward_in_time=False),
+    )
+    for iteration in range(search.max_iterations):
+        if is_late():
+            return None
+        tree, other = trees if iteration % 2 == 0 else trees[::-1]
+        index = planner.extend(tree, planner.draw())
+        if index is None:
+            continue
+        edges = planner.bridge(tree, index, other)
+        if edges is not None:
+            return Found(edges=tuple(edges), iterations=iteration + 1)
+    return None

@@ -1,0 +1,231 @@
+"""Which topics of a log hold the map and the paths, and their messages, decoded."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NoReturn
+
+import numpy as np
+
+from optim.numerics.arrays import frozen, frozen_int
+from replay.base.errors import LogError, printable
+from replay.logs.container.records import Channel, Log, Message
+from replay.logs.meaning.planar import Refusal
+from replay.logs.messages.content import MAP_ROLES, PATH_ROLES, PayloadError, PoseSeries, Role
+from replay.logs.messages.families import FAMILIES, Family
+from replay.logs.messages.layout import LayoutError
+
+EXPORTED = "/replay/"
+"""Where paths are that this program itself has written into a copy of a log."""
+
+
+def is_wanted(channel: Channel) -> bool:
+    """Whether a channel may hold something that is understood."""
+    return channel.schema is not None and channel.schema.name in FAMILIES
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Topic:
+    """All messages of one type on one topic, from however many channels."""
+
+    log: Log
+    name: str
+    schema: str
+    channels: tuple[Channel, ...]
+    messages: tuple[Message, ...]
+
+    @property
+    def family(self) -> Family:
+        """How its messages are read."""
+        return FAMILIES[self.schema]
+
+    @property
+    def title(self) -> str:
+        """For lists in errors."""
+        count = self.num_logged
+        return f"{printable(self.name, 80)} ({self.schema}, {count} message{'s' * (count != 1)})"
+
+    @property
+    def num_logged(self) -> int:
+        """How many messages the log holds of it."""
+        return len(self.messages)
+
+    @property
+    def where(self) -> str:
+        """How errors begin."""
+        role = "pose" if self.family.role == "stream" else self.family.role
+        return f"{role} topic {printable(self.name, 80)!r}"
+
+    def fail(self, code: str, text: str, index: int | None = None) -> NoReturn:
+        """Raise a LogError that names the topic, and the message if `index` is given."""
+        where = self.where
+        if index is not None:
+            where += f", message {index}"
+        raise LogError(code, self.log.path, f"{where}: {text}")
+
+    @cached_property
+    def _readers(self) -> dict[int, Callable[[bytes], Any]]:
+        """What decodes the messages of each channel. Raises LogError for an encoding or definition that is not read."""
+        return {channel.id: self._reader(channel) for channel in self.channels}
+
+    def _reader(self, channel: Channel) -> Callable[[bytes], Any]:
+        schema, family = channel.schema, self.family
+        assert schema is not None, "a topic is made of channels with schemas"
+        encodings = channel.encoding, schema.encoding
+        if encodings not in family.encodings:
+            found = f"{encodings[0][:40]!r} with {encodings[1][:40]!r} definitions"
+            expected = " or ".join(f"{message!r} with {each!r}" for message, each in family.encodings)
+            self.fail("E_ENCODING", f"its messages are encoded as {found}, expected {expected} definitions")
+        try:
+            return family.reader(encodings, schema.data)
+        except LayoutError as error:
+            self.fail("E_SCHEMA", f"its definition of {self.schema} is not the standard one: {error}")
+
+    def decode(self, index: int) -> Any:
+        """The content of a message, by its place in `messages`. Raises LogError."""
+        message = self.messages[index]
+        if message.log_time >= 1 << 63:
+            self.fail("E_TIME", f"log time {message.log_time} ns is no time", index)
+        read = self._readers[message.channel.id]
+        try:
+            return read(message.data)
+        except PayloadError as error:
+            self.fail("E_PAYLOAD", str(error), index)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Stream(Topic):
+    """A topic of single poses, read as one path: its only message is the last of them."""
+
+    each: Topic
+    """The topic itself."""
+
+    @property
+    def num_logged(self) -> int:
+        """How many messages the log holds of it."""
+        return self.each.num_logged
+
+    def decode(self, index: int) -> PoseSeries:
+        """All poses, by the time of their stamps, else of the log. Raises LogError."""
+        return self._joined
+
+    @cached_property
+    def _joined(self) -> PoseSeries:
+        series: list[PoseSeries] = [self.each.decode(i) for i in range(len(self.each.messages))]
+        stamps = np.concatenate([one.stamps for one in series])
+        if not stamps.any():
+            stamps = np.array([message.log_time for message in self.each.messages], np.int64)
+        speeds = [one.speed for one in series if one.speed is not None]
+        return PoseSeries(
+            header=series[0].header,
+            stamps=frozen_int(stamps),
+            poses=frozen(np.concatenate([one.poses for one in series])),
+            frames=frozenset(one.header.frame for one in series),
+            speed=frozen(np.concatenate(speeds)) if len(speeds) == len(series) else None,
+        )
+
+
+def _as_path(topic: Topic) -> Topic:
+    if topic.family.role != "stream":
+        return topic
+    return Stream(
+        log=topic.log,
+        name=topic.name,
+        schema=topic.schema,
+        channels=topic.channels,
+        messages=topic.messages[-1:],
+        each=topic,
+    )
+
+
+def topics_of(log: Log) -> list[Topic]:
+    """Topics that may hold a map or a path and have messages, by name."""
+    groups: dict[tuple[str, str], list[Channel]] = {}
+    for channel in log.channels:
+        if channel.schema is not None and is_wanted(channel) and log.counts.get(channel.id):
+            groups.setdefault((channel.topic, channel.schema.name), []).append(channel)
+    found = []
+    for (name, schema), channels in sorted(groups.items()):
+        ids = {channel.id for channel in channels}
+        messages = tuple(message for message in log.messages if message.channel.id in ids)
+        found.append(Topic(log=log, name=name, schema=schema, channels=tuple(channels), messages=messages))
+    return found
+
+
+def choose_map(log: Log, topics: Sequence[Topic], name: str | None) -> Topic:
+    """The topic with the map. Raises LogError if there is none, or more than one and no name."""
+    candidates = [topic for topic in topics if topic.family.role in MAP_ROLES]
+    if not candidates:
+        raise LogError("E_NO_MAP", log.path, _nothing(log, "map", MAP_ROLES))
+    if name is not None:
+        return _named(log, candidates, name, "--map-topic")
+    if len(candidates) > 1:
+        text = f"{len(candidates)} topics hold a map: {titles(candidates)}; choose one with --map-topic"
+        raise LogError("E_AMBIGUOUS", log.path, text)
+    return candidates[0]
+
+
+def choose_paths(
+    log: Log, topics: Sequence[Topic], truck: str | None, trailer: str | None
+) -> tuple[list[Topic], list[Topic]]:
+    """Topics that may be the truck's path, and topics that may be the trailer's. Raises LogError if there is none."""
+    paths = [topic for topic in topics if topic.family.role == "path"]
+    streams = [topic for topic in topics if topic.family.role == "stream" and len(topic.messages) > 1]
+    named = (truck, trailer)  # beside paths, streams are used only where an option names one
+    candidates = [_as_path(topic) for topic in paths + [each for each in streams if not paths or each.name in named]]
+    if not candidates:
+        if any(channel.schema is None and channel.schema_id for channel in log.channels):
+            text = _nothing(log, "path", PATH_ROLES) + "; some topics refer to schemas that are missing"
+            raise LogError("E_NO_SCHEMA", log.path, text)
+        raise LogError("E_NO_PATH", log.path, _nothing(log, "path", PATH_ROLES))
+    likely = _beside(candidates, truck)
+    trailers = likely if trailer is None else [_named(log, candidates, trailer, "--trailer-topic")]
+    trucks = likely if truck is None else [_named(log, candidates, truck, "--path-topic")]
+    if trailer is not None:
+        trucks = [topic for topic in trucks if topic is not trailers[0]]
+    if not trucks:
+        raise LogError(
+            "E_AMBIGUOUS",
+            log.path,
+            f"topic {printable(trailer)!r} is the only path; it cannot be the trailer's",
+        )
+    return trucks, trailers
+
+
+def _beside(candidates: list[Topic], truck: str | None) -> list[Topic]:
+    """Recorded paths, unless an exported one was asked for: then the exported ones of the same method."""
+    folder = truck.rpartition("/")[0] + "/" if truck is not None and truck.startswith(EXPORTED) else ""
+    if folder:
+        return [topic for topic in candidates if topic.name.startswith(folder)] or candidates
+    return [topic for topic in candidates if not topic.name.startswith(EXPORTED)] or candidates
+
+
+def titles(topics: Iterable[Topic]) -> str:
+    """A list for an error."""
+    return ", ".join(topic.title for topic in topics)
+
+
+def _named(log: Log, candidates: Sequence[Topic], name: str, option: str) -> Topic:
+    for topic in candidates:
+        if topic.name == name:
+            return topic
+    text = f"{option} {printable(name)!r} is none of the topics that could be meant: {titles(candidates)}"
+    raise LogError("E_NO_TOPIC", log.path, text)
+
+
+def _nothing(log: Log, what: str, roles: Sequence[Role]) -> str:
+    schemas = ", ".join(name for name, family in FAMILIES.items() if family.role in roles)
+    text = f"no {what} in this log; expected messages of {schemas}"
+    present = [c for c in log.channels if log.counts.get(c.id)]
+    if present:
+        shown = [f"{printable(c.topic, 60)} ({c.schema.name[:60] if c.schema else 'no schema'})" for c in present[:6]]
+        text += f"; it holds {', '.join(shown)}" + (f" and {len(present) - 6} more topics" if len(present) > 6 else "")
+    else:
+        text += "; it holds no messages"
+    lost = next((finding.text for finding in log.findings if finding.lost), None)
+    return text + (f"; part of the log was lost: {lost}" if lost else "")
+
+
+def refused(topic: Topic, index: int, error: Refusal) -> NoReturn:
+    """Raise what was refused about a message as a LogError."""
+    topic.fail(error.code, str(error), index)

@@ -1,0 +1,72 @@
+"""What each channel of a log was understood as, and what was not, and why: for people, in one line each."""
+
+from typing import Any, Final, NamedTuple
+
+from replay.base.errors import LogError, printable
+from replay.logs.container.records import Channel, Log
+from replay.logs.meaning.topics import Topic, topics_of
+from replay.logs.messages.content import PATH_ROLES, Role
+from replay.logs.messages.families import FAMILIES
+
+_WORDS: Final[dict[Role, tuple[str, str]]] = {
+    "grid": ("map: grid", "cells"),
+    "markers": ("map: shapes", "changes"),
+    "polygon": ("map: polygons", "polygons"),
+    "path": ("path", "poses"),
+    "stream": ("poses one by one", "poses"),
+    "joints": ("joints", "states"),
+    "transforms": ("transforms", "transforms"),
+}
+"""What the messages of a role are, and what is counted in them."""
+
+
+class Use(NamedTuple):
+    """One channel."""
+
+    role: Role | None
+    """What its messages are read as; None if they are not read."""
+    text: str
+    """What is in them, or why they are not read."""
+
+
+def uses(log: Log) -> list[Use]:
+    """One for each of the log's channels. Every message that can be read is decoded for it."""
+    topics = {(topic.name, topic.schema): _used(topic) for topic in topics_of(log)}
+    return [_use(log, channel, topics) for channel in log.channels]
+
+
+def _use(log: Log, channel: Channel, topics: dict[tuple[str, str], Use]) -> Use:
+    schema = channel.schema
+    if schema is None:
+        return Use(None, "not read: its schema is missing" if channel.schema_id else "not read: no schema")
+    if schema.name not in FAMILIES:
+        return Use(None, "not read: unknown type")
+    if not log.counts.get(channel.id):
+        return Use(None, "no messages")
+    return topics[channel.topic, schema.name]
+
+
+def _used(topic: Topic) -> Use:
+    role = topic.family.role
+    sizes: list[int] = []
+    for index in range(len(topic.messages)):
+        try:
+            sizes.append(_size(role, topic.decode(index)))
+        except LogError as error:
+            return Use(None, f"not read: {_reason(topic, error)} [{error.code}]")
+    what, counted = _WORDS[role]
+    amount = max(sizes, default=0) if role == "grid" else sum(sizes)  # each grid replaces the one before
+    return Use(role, f"{what}, {amount} {counted}")
+
+
+def _reason(topic: Topic, error: LogError) -> str:
+    """What an error says after the names of the file and the topic."""
+    text = error.message.removeprefix(f"{printable(str(topic.log.path))}: ")
+    return text.removeprefix(topic.where).lstrip(",: ")
+
+
+def _size(role: Role, content: Any) -> int:
+    """How much one message holds."""
+    if role == "grid":
+        return content.width * content.height
+    return len(content.poses) if role in PATH_ROLES else len(content)

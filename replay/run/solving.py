@@ -1,0 +1,132 @@
+"""Running one method on one problem: timed, limited in time, its failure turned into words."""
+
+import math
+import pathlib
+import time
+import traceback
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+from numba.core import event
+
+from optim.methods import Method
+from optim.model.problem import Problem
+from optim.model.result import Iterate, OnIterate, Result
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solved:
+    """What came of a method."""
+
+    result: Result | None
+    """None where it failed, or ran out of time."""
+    out_of_time: bool = False
+    error: str = ""
+    """One line; empty unless it failed."""
+    traceback: str = ""
+    """Of an exception, for developers."""
+    wall_s: float
+    """Time that it took, without compiling [s]."""
+    compile_s: float
+    """Time that went into compiling kernels [s]."""
+
+
+OnStart = Callable[[str], None]
+"""Hears the name of a method that begins."""
+OnNamedIterate = Callable[[str, Iterate], None]
+"""Hears a method's name and its iterate."""
+SolveEach = Callable[[Problem, Mapping[str, Method], OnStart, OnNamedIterate], Generator[tuple[str, Solved]]]
+"""Run methods, each by itself, telling their iterates; what came of each by its name, in the order in which they end.
+Whatever a method does wrong comes back as `Solved.error`."""
+
+
+class OutOfTime(BaseException):
+    """Raised through a method that has used up its time; no method may catch it by catching Exception."""
+
+
+class _Compiling(event.Listener):
+    """How long kernels were being compiled since it was installed; tells when that begins and ends."""
+
+    def __init__(self, tell: Callable[[bool], None], clock: Callable[[], float]) -> None:
+        """`clock` is what `by_clock` is told by; `total` is told by the clock on the wall."""
+        self.tell, self.clock = tell, clock
+        self.total, self.by_clock, self._depth, self._began = 0.0, 0.0, 0, (0.0, 0.0)
+
+    def on_start(self, event: event.Event) -> None:
+        del event
+        self._depth += 1
+        if self._depth == 1:
+            self._began = time.perf_counter(), self.clock()
+            self.tell(True)
+
+    def on_end(self, event: event.Event) -> None:
+        del event
+        self._depth -= 1
+        if self._depth == 0:
+            self.total += time.perf_counter() - self._began[0]
+            self.by_clock += self.clock() - self._began[1]
+            self.tell(False)
+
+
+def solve(
+    problem: Problem,
+    method: Method,
+    on_iterate: OnIterate,
+    *,
+    time_limit: float = math.inf,
+    by_processor: bool = False,
+    on_compiling: Callable[[bool], None] = lambda _: None,
+) -> Solved:
+    """Run a method in this process.
+
+    After `time_limit` [s], compiling not counted, the next iterate ends it, and there is no result; with
+    `by_processor` that is the time for which the processor has worked for this process. `on_compiling` is told True
+    when compiling begins and False when it ends.
+    """
+    clock = time.process_time if by_processor else time.perf_counter
+    compiling = _Compiling(on_compiling, clock)
+    started, by_clock = time.perf_counter(), clock()
+
+    def spent() -> float:
+        return time.perf_counter() - started - compiling.total
+
+    def watched(iterate: Iterate) -> None:
+        on_iterate(iterate)
+        if clock() - by_clock - compiling.by_clock > time_limit:
+            raise OutOfTime
+
+    result, late, error, trace = None, False, "", ""
+    with event.install_listener("numba:compile", compiling):
+        try:
+            result = method.solve(problem, watched)
+        except OutOfTime:
+            late = True
+        except Exception as caught:  # a border: whatever a method does wrong is its own failure, and recorded
+            message = " ".join(str(caught).split())
+            error = f"{type(caught).__name__}: {message}" if message else type(caught).__name__
+            error += f" ({_place(caught)})"
+            trace = traceback.format_exc()
+    return Solved(
+        result=result, out_of_time=late, error=error, traceback=trace, wall_s=spent(), compile_s=compiling.total
+    )
+
+
+def _place(error: BaseException) -> str:
+    """File, with the folder that it is in, and line where an exception was raised."""
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{'/'.join(pathlib.PurePath(last.filename).parts[-2:])}:{last.lineno}"
+
+
+def solve_in_turn(
+    problem: Problem,
+    methods: Mapping[str, Method],
+    on_start: OnStart,
+    on_iterate: OnNamedIterate,
+    *,
+    time_limit: float = math.inf,
+) -> Generator[tuple[str, Solved]]:
+    """Run methods in this process, one after the other, each for `time_limit` [s] at most; a `SolveEach`."""
+    for name, method in methods.items():
+        on_start(name)
+        yield name, solve(problem, method, partial(on_iterate, name), time_limit=time_limit)

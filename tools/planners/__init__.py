@@ -1,1 +1,0 @@
-"""Planners that make the recorded paths of the corpus: one protocol, three ways of searching."""
