@@ -13,7 +13,8 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from optim.model.vehicle import Vehicle, body_poses, roll_out
+from optim.model.kinematics import roll_out
+from optim.model.vehicle import Vehicle, body_poses
 from replay.base.errors import LogError
 from replay.logs import ReadOptions, read_cases
 from replay.run.case import Case

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
+from optim.model.kinematics import rk4_step
 from optim.model.path import Path, Segment, roll_out_segment
-from optim.model.vehicle import Vehicle, rk4_step
+from optim.model.vehicle import Vehicle
 
 
 def random_segment(

@@ -8,13 +8,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from optim.methods import Method
+from optim.model.kinematics import roll_out
+from optim.model.method import Method
 from optim.model.objective import objective
 from optim.model.path import Path, Segment, merge, reverse, roll_out_segment, segment_from_states
 from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.model.scene import Scene, make_scene
-from optim.model.vehicle import Vehicle, roll_out
+from optim.model.vehicle import Vehicle
 from replay.run.case import Case, MapImage, ReadReport
 from replay.run.judge import Run, run_case
 

@@ -7,7 +7,8 @@ import subprocess
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from optim.methods import METHODS, Method
+from optim.methods import METHODS
+from optim.model.method import Method
 from replay.regress.corpus import find_corpus
 from replay.regress.finish import conclude
 from replay.regress.pool import run_here

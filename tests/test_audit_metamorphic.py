@@ -12,7 +12,8 @@ from paths import random_path
 from scenes import blocks_beside
 
 from optim.audit.data import COLUMNS
-from optim.model.vehicle import Vehicle, roll_out
+from optim.model.kinematics import roll_out
+from optim.model.vehicle import Vehicle
 
 names = st.sampled_from(["none", *ALONE])
 SHRINKING = ("truck_front", "truck_rear", "truck_width", "trailer_front", "trailer_rear", "trailer_width")

@@ -13,8 +13,9 @@ from scenes import blocks_beside
 from optim.audit.checks import audit_recorded
 from optim.audit.data import read_path, read_scene, read_vehicle
 from optim.audit.motion import footprints, inflation, integrate, sweep
+from optim.model.kinematics import roll_out
 from optim.model.path import Path, roll_out_segment
-from optim.model.vehicle import Vehicle, body_corners, roll_out
+from optim.model.vehicle import Vehicle, body_corners
 
 
 def random_motion(rng: np.random.Generator, vehicle: Vehicle, ds: float) -> Path:

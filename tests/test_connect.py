@@ -5,8 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from optim.model.flat_map import flat_from_state, state_from_flat
+from optim.model.kinematics import derivative
 from optim.model.path import Segment
-from optim.model.vehicle import Vehicle, derivative, flat_from_state, state_from_flat
+from optim.model.vehicle import Vehicle
 from optim.steering import Connection, Flat, connections
 from optim.steering.connect import END_TOLERANCE
 

@@ -14,8 +14,10 @@ from mcap_ros2.decoder import DecoderFactory
 
 from optim.audit.checks import audit_recorded
 from optim.methods.ddp.method import Ddp
-from optim.model.scene import collides, first_violation, make_scene
-from optim.model.vehicle import Vehicle, state_from_flat
+from optim.model.clearance import collides, first_violation
+from optim.model.flat_map import state_from_flat
+from optim.model.scene import make_scene
+from optim.model.vehicle import Vehicle
 from optim.planning.protocol import Task
 from optim.planning.rrt import Found, Search, plan, ramp_ends
 from optim.steering.flat import Flat

@@ -11,12 +11,14 @@ from optim.methods.cpo.method import Cpo
 from optim.methods.cpo.points import Track, spread
 from optim.methods.cpo.rounds import checks, improve
 from optim.methods.cpo.spline import basis, positions
+from optim.model.flat_map import flat_from_state
+from optim.model.kinematics import rk4_step_jacobian
 from optim.model.objective import objective
 from optim.model.path import Path
 from optim.model.problem import path_clearance
 from optim.model.result import Stop
 from optim.model.scene import make_scene
-from optim.model.vehicle import Vehicle, body_corners, flat_from_state, rk4_step_jacobian
+from optim.model.vehicle import Vehicle, body_corners
 from optim.steering.flat import load
 
 NOTHING = np.empty((0, 2))

@@ -13,7 +13,8 @@ from optim.methods.cpo.discs import axle_point, covering_discs
 from optim.methods.cpo.method import Cpo
 from optim.methods.cpo.points import ENDS, Track, spread
 from optim.methods.cpo.terms import BAND, Terms, bends, headings, truck_bends
-from optim.model.scene import distance_field, make_scene
+from optim.model.clearance import distance_field
+from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle
 
 BOUNDS = (-25.0, -25.0, 25.0, 25.0)

@@ -11,12 +11,13 @@ from scenes import random_problem
 
 from optim.methods.ddp.method import Ddp
 from optim.methods.ddp.source import _model
+from optim.model.kinematics import rk4_step
 from optim.model.objective import objective
 from optim.model.path import Path
 from optim.model.problem import Problem, path_clearance
 from optim.model.result import Iterate, Result, Stop
 from optim.model.scene import make_scene
-from optim.model.vehicle import Vehicle, rk4_step
+from optim.model.vehicle import Vehicle
 from replay.logs import read_cases
 
 LOGS = pathlib.Path(__file__).resolve().parent.parent / "recordings"

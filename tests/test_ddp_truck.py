@@ -9,8 +9,9 @@ from optim.knots.transcription import Knots, knots_of, objective_of
 from optim.methods.ddp.features import feature_distance
 from optim.methods.ddp.model import TruckModel, knots_from, trajectory_of
 from optim.methods.ddp.truck import STATES
+from optim.model.clearance import clearance
 from optim.model.problem import Problem
-from optim.model.scene import clearance, make_scene
+from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle
 
 STEP = 1e-6

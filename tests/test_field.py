@@ -3,7 +3,8 @@ import pytest
 import shapely
 from shapes import random_blocks
 
-from optim.model.scene import distance_field, make_scene
+from optim.model.clearance import distance_field
+from optim.model.scene import make_scene
 
 BOUNDS = (-20.0, -15.0, 25.0, 18.0)
 

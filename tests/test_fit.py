@@ -3,7 +3,8 @@ import pytest
 from paths import logged, random_path
 
 from optim.fit.poses import FitOptions, fit_path
-from optim.model.vehicle import Vehicle, roll_out
+from optim.model.kinematics import roll_out
+from optim.model.vehicle import Vehicle
 
 VEHICLE = Vehicle()
 

@@ -9,7 +9,8 @@ import logs_maker as make
 import numpy as np
 import pytest
 
-from optim.model.vehicle import Vehicle, roll_out
+from optim.model.kinematics import roll_out
+from optim.model.vehicle import Vehicle
 from replay.base.errors import LogError
 from replay.logs import ReadOptions
 from replay.run.case import Case

@@ -7,9 +7,11 @@ from scenes import random_problem
 from optim.methods.nlp.duals import half_planes, starting_multipliers
 from optim.methods.nlp.method import Nlp
 from optim.methods.nlp.model import pair_function, step_function
+from optim.model.clearance import witnesses
+from optim.model.kinematics import rk4_step, rk4_step_jacobian
 from optim.model.objective import objective
-from optim.model.scene import Scene, witnesses
-from optim.model.vehicle import Vehicle, body_poses, rk4_step, rk4_step_jacobian
+from optim.model.scene import Scene
+from optim.model.vehicle import Vehicle, body_poses
 
 
 @pytest.mark.parametrize("vehicle", [Vehicle(), Vehicle(hitch_offset=0.6)])

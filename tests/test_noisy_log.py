@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial import KDTree
 
 from optim.methods import METHODS
-from optim.model.vehicle import Vehicle, roll_out
+from optim.model.kinematics import roll_out
+from optim.model.vehicle import Vehicle
 from replay.logs import read_cases
 from replay.run.case import Case
 from replay.run.judge import run_case

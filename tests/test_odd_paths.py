@@ -7,7 +7,7 @@ import logs_maker as make
 import numpy as np
 import pytest
 
-from optim.model.scene import swept_clearance, witnesses
+from optim.model.clearance import swept_clearance, witnesses
 from optim.model.vehicle import body_corners
 from replay.base.errors import LogError
 from replay.run.case import Case

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from paths import random_path
 
+from optim.model.kinematics import roll_out
 from optim.model.path import Path, Segment, merge, resample, reverse, roll_out_segment, segment_from_states
-from optim.model.vehicle import Vehicle, roll_out
+from optim.model.vehicle import Vehicle
 
 VEHICLE = Vehicle()
 

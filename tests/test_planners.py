@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from optim.audit.checks import audit_recorded
+from optim.model.flat_map import state_from_flat
 from optim.model.path import Path
 from optim.model.scene import make_scene
-from optim.model.vehicle import Vehicle, state_from_flat
+from optim.model.vehicle import Vehicle
 from optim.planning.closed_loop import ClosedLoopTree
 from optim.planning.drive_kernels import drive
 from optim.planning.exact_tree import ExactTree

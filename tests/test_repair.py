@@ -4,9 +4,10 @@ import logs_maker as make
 import numpy as np
 import pytest
 
+from optim.model.kinematics import roll_out
 from optim.model.problem import path_clearance
 from optim.model.scene import Scene, make_scene
-from optim.model.vehicle import Vehicle, roll_out
+from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array
 from replay.logs.meaning.checks import check_fit
 from replay.logs.meaning.planar import Refusal

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapes import random_blocks, random_states, signed_distance
 
-from optim.model.scene import clearance, collides, make_scene, witnesses
+from optim.model.clearance import clearance, collides, witnesses
+from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle, body_corners
 
 VEHICLES = [Vehicle(), Vehicle(hitch_offset=0.6, trailer_front=0.5)]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scenes import random_problem
 
-from optim.geometry.separation import separations
-from optim.model.scene import Scene, clearance, make_scene
+from optim.model.clearance import clearance, separations
+from optim.model.scene import Scene, make_scene
 from optim.model.vehicle import Vehicle
 
 VEHICLES = [Vehicle(), Vehicle(hitch_offset=0.6)]

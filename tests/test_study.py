@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from optim.methods.shortcut import Shortcut
+from optim.model.clearance import clearance
 from optim.model.metrics import UNITS
-from optim.model.scene import clearance, make_scene
+from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle
 from replay.logs import read_cases
 from tools.study import CHAINS, DESCRIBED, variants

@@ -5,9 +5,11 @@ from hypothesis import strategies as st
 from paths import random_path
 from scenes import blocks_beside
 
+from optim.model.clearance import clearance, first_violation, swept_clearance
+from optim.model.kinematics import roll_out
 from optim.model.path import Segment
-from optim.model.scene import Scene, clearance, first_violation, make_scene, swept_clearance
-from optim.model.vehicle import Vehicle, roll_out
+from optim.model.scene import Scene, make_scene
+from optim.model.vehicle import Vehicle
 
 VEHICLES = {
     "semi": Vehicle(),

@@ -18,9 +18,10 @@ from optim.knots.transcription import (
     path_of,
     without_segment,
 )
+from optim.model.kinematics import rk4_step
 from optim.model.objective import objective
 from optim.model.path import Path, segment_from_states
-from optim.model.vehicle import Vehicle, rk4_step
+from optim.model.vehicle import Vehicle
 
 SPACING = 0.35
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optim.model.vehicle import Vehicle, flat_from_state, state_from_flat
+from optim.model.flat_map import flat_from_state, state_from_flat
+from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import frozen
 from optim.steering.flat import Flat, effort, limits, load, ramp_load, shortest_ramp
 from optim.steering.pieces import pieces_of, sample_turns

@@ -5,17 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optim.model.vehicle import (
-    Vehicle,
-    body_corners,
-    derivative,
-    flat_from_state,
-    jacobians,
-    rk4_step,
-    rk4_step_jacobian,
-    roll_out,
-    state_from_flat,
-)
+from optim.model.flat_map import flat_from_state, state_from_flat
+from optim.model.kinematics import derivative, jacobians, rk4_step, rk4_step_jacobian, roll_out
+from optim.model.vehicle import Vehicle, body_corners
 
 VEHICLES = [
     Vehicle(),

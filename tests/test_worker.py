@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from scenes import random_problem
 
-from optim.methods import Method
 from optim.methods.ddp.method import Ddp
 from optim.methods.shortcut import Shortcut
+from optim.model.method import Method
 from optim.model.path import Path
 from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore

@@ -21,8 +21,9 @@ import shapely
 from optim.audit.checks import audit_recorded
 from optim.audit.data import read_path, read_vehicle
 from optim.audit.motion import excess, inflation
+from optim.model.kinematics import roll_out
 from optim.model.path import Path, Segment, roll_out_segment
-from optim.model.vehicle import Vehicle, body_corners, roll_out
+from optim.model.vehicle import Vehicle, body_corners
 from replay.base.kernels import drop_stale
 from replay.run.results import path_to_document
 from tools.script import from_one, run

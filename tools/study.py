@@ -31,10 +31,11 @@ from replay.cli import use_one_thread
 
 use_one_thread()
 
-from optim.methods import METHODS, Method  # noqa: E402 - after the threads have been settled
+from optim.methods import METHODS  # noqa: E402
 from optim.methods.chain import named  # noqa: E402
 from optim.methods.cpo.method import Cpo  # noqa: E402
 from optim.methods.shortcut import Shortcut  # noqa: E402
+from optim.model.method import Method  # noqa: E402
 from replay.base.errors import ReplayError  # noqa: E402
 from replay.base.files import atomic_write  # noqa: E402
 from replay.base.kernels import drop_stale  # noqa: E402

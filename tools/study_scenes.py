@@ -16,7 +16,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from optim.methods import Method
+from optim.model.method import Method
 from optim.model.problem import Problem
 from optim.model.result import OnIterate, Result, ignore
 from optim.model.scene import Scene, make_scene

@@ -20,8 +20,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from optim.fit.system import Bounds, FitOptions, Layout, Task, gaps_of, gauss_newton, goal_hitch_sigma, step_lengths
+from optim.model.kinematics import roll_out
 from optim.model.path import Path, resample, segment_from_states
-from optim.model.vehicle import Vehicle, roll_out
+from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, IntArray, frozen
 
 _STEER_GUESS = 1.2  # [rad]: larger angles are no steering; keeps tan(phi) away from its pole

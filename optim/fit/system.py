@@ -7,9 +7,10 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from optim.geometry.separation import separations
+from optim.model.clearance import separations
+from optim.model.kinematics import rk4_step_jacobian
 from optim.model.scene import Scene
-from optim.model.vehicle import Vehicle, rk4_step_jacobian
+from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, IntArray
 
 _SIGMA_BOUND = 1e-4  # by which a limit may be broken, in proportion to what speaks against it [rad or rad/m]

@@ -14,52 +14,13 @@ conditions of separation along n, and the smaller of the two heights is the dist
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from optim.geometry.collision import box_distance, rectangle, separating_gap, signed_distance
-from optim.model.scene import Scene
-from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
 from optim.numerics.kernel import kernel
 
-_COLUMNS = 8  # knot, body, polygon, distance, and the gradient's four
-_ROOM = 256  # rows to begin with; where there are more, the table is made anew
 _SHORTEST = 1e-3  # sides that overlap by less, as a share of the body's length, meet in a point
-
-
-class Separations(NamedTuple):
-    """R linearised distances, ordered by state and body."""
-
-    knot: IntArray
-    """Index of the state. Shape (R,)."""
-    body: IntArray
-    """0 the truck, 1 the trailer. Shape (R,)."""
-    polygon: IntArray
-    """Index in Scene.polygons; a pair has one or two rows, the nearer first. Shape (R,)."""
-    distance: Array
-    """Signed distance [m]; of a second row, the height there. Shape (R,)."""
-    gradient: Array
-    """Derivative by (x, y, theta, alpha). Shape (R, 4)."""
-
-
-def separations(scene: Scene, vehicle: Vehicle, states: Array, reach: float, most: int = 6) -> Separations:
-    """The distances of truck and trailer from all polygons nearer than `reach` [m], for states (N, 4).
-
-    At most the `most` nearest polygons of each body in each state; the nearest is always among them.
-    """
-    states = frozen(states)
-    room, place = _ROOM, (scene.packed, vehicle.footprints, vehicle.hitch_offset)
-    while True:
-        table = np.empty((room, _COLUMNS))
-        count = separation_kernel(*place, states, float(reach), int(most), table)
-        if count <= room:
-            break
-        room = 2 * count
-    table = table[:count]
-    knot, body, polygon = (frozen_int(table[:, column]) for column in range(3))
-    return Separations(knot, body, polygon, frozen(table[:, 3]), frozen(table[:, 4:]))
 
 
 @kernel

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from optim.geometry.separation import separations
 from optim.knots.transcription import Knots
+from optim.model.clearance import clearance, separations, swept_clearance
 from optim.model.path import Path
 from optim.model.problem import Problem
-from optim.model.scene import clearance, swept_clearance
 from optim.numerics.arrays import Array, frozen
 
 _SAFETY = 1e-4  # [m]: clearance asked for beyond what is missing, so that the next measurement finds nothing missing

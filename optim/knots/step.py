@@ -1,6 +1,6 @@
 """Kernel: one Runge-Kutta step of the vehicle with its first and second derivatives.
 
-The step of `optim.model.vehicle.rk4` as a function of z = (theta, alpha, phi0, phi1, h); x and y enter by addition
+The step of `optim.model.kinematics.rk4` as a function of z = (theta, alpha, phi0, phi1, h); x and y enter by addition
 only. Each intermediate quantity carries its gradient and its Hessian (lower triangle) by z, from stage to stage.
 """
 

@@ -21,9 +21,10 @@ from itertools import groupby, pairwise
 import numpy as np
 
 from optim.knots.step import step_jet
+from optim.model.kinematics import rk4
 from optim.model.objective import Weights
 from optim.model.path import Path, Segment, sample_segment, segment_from_states
-from optim.model.vehicle import Vehicle, rk4
+from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
 from optim.numerics.kernel import kernel
 

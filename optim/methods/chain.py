@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from optim.methods import Method
+from optim.model.method import Method
 from optim.model.objective import objective
 from optim.model.path import Path
 from optim.model.problem import Problem

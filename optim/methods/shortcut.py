@@ -15,12 +15,12 @@ from typing import Literal
 
 import numpy as np
 
+from optim.model.clearance import first_violation
+from optim.model.flat_map import flat_from_state, not_flat
 from optim.model.objective import objective
 from optim.model.path import Path, Samples, Segment, merge, segment_from_states
 from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
-from optim.model.scene import first_violation
-from optim.model.vehicle import flat_from_state, not_flat
 from optim.numerics.arrays import Array
 from optim.steering.connect import Connection, Flat, Sampled, connections
 

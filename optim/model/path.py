@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optim.model.vehicle import LARGEST_STEP, Vehicle, roll_out, roll_out_kernel
+from optim.model.kinematics import LARGEST_STEP, roll_out, roll_out_kernel
+from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
 from optim.numerics.kernel import kernel
 

@@ -5,9 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
+from optim.model.clearance import clearance, swept_clearance
 from optim.model.objective import Weights
 from optim.model.path import Path
-from optim.model.scene import Scene, clearance, swept_clearance
+from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array
 

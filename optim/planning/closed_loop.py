@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optim.model.flat_map import flat_from_state, state_from_flat
 from optim.model.path import Segment, segment_from_states
-from optim.model.vehicle import flat_from_state, state_from_flat
 from optim.planning.drive_kernels import distances, drive, free_samples
 from optim.planning.lookup import HALF, lookup_table
 from optim.planning.protocol import CONNECTION_SPACING, Plan, Task, assemble, clear_connection, deadline

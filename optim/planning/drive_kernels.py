@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from optim.geometry.sweep import first_violation_kernel
-from optim.model.vehicle import rk4
+from optim.model.kinematics import rk4
 from optim.numerics.kernel import kernel
 from optim.planning.lookup import metric
 

@@ -16,8 +16,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from optim.geometry.collision import point_kernel
+from optim.model.flat_map import flat_from_state, state_from_flat
 from optim.model.path import Segment, segment_from_states
-from optim.model.vehicle import flat_from_state, state_from_flat
 from optim.numerics.arrays import Array, frozen
 from optim.planning.lookup import HALF, lookup_table
 from optim.planning.protocol import CONNECTION_SPACING, Plan, Task, assemble, clear_connection, deadline, extent

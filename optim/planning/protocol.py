@@ -9,8 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
+from optim.model.clearance import first_violation
 from optim.model.path import Path, Segment, merge, segment_from_states
-from optim.model.scene import Scene, first_violation
+from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, frozen
 from optim.steering import Connection, connections

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optim.model.scene import first_violation
+from optim.model.clearance import first_violation
 from optim.numerics.arrays import Array
 from optim.planning.protocol import Task
 from optim.steering.connect import Connection, connections

@@ -11,8 +11,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from optim.model.flat_map import state_from_flat
 from optim.model.path import Segment, segment_from_states
-from optim.model.vehicle import Vehicle, state_from_flat
+from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, frozen
 from optim.steering.bezier import plan_bezier, sample_bezier
 from optim.steering.flat import Flat, effort, limits

@@ -4,8 +4,9 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from optim.methods import METHODS, Method
+from optim.methods import METHODS
 from optim.methods.chain import JOINT
+from optim.model.method import Method
 from replay.cli.console import Common, Voice
 from replay.cli.options import Option, UsageError, options_of, summary_of
 from replay.cli.tables import options_table

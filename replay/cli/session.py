@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from typing import Any
 
-from optim.methods import Method
+from optim.model.method import Method
 from optim.model.objective import Weights
 from optim.model.result import Iterate
 from replay.base.errors import LogError, OutputLost, ReplayError

@@ -15,8 +15,9 @@ from functools import cache
 from types import UnionType
 from typing import Any, Final, Literal, Union, get_args, get_origin
 
-from optim.methods import METHODS, Method
+from optim.methods import METHODS
 from optim.methods.chain import named
+from optim.model.method import Method
 from optim.model.objective import Weights
 from optim.model.vehicle import Vehicle
 from replay.cli.options import Option, UsageError, given, options_of, read_toml, with_flags

@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
+from optim.model.clearance import witnesses
 from optim.model.path import Path
 from optim.model.problem import Problem
-from optim.model.scene import witnesses
 from optim.numerics.arrays import Array
 from replay.base.style import ALARM
 from replay.recording.entities import entity

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
+from optim.model.clearance import witnesses
 from optim.model.path import Path, Samples
 from optim.model.problem import Problem
 from optim.model.result import Iterate, Picture
-from optim.model.scene import witnesses
 from optim.numerics.arrays import Array, IntArray
 from replay.base.style import RECORDED, Style, styles
 from replay.recording.picture import swept_area

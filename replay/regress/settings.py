@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from optim.methods import Method
 from optim.methods.chain import Chain
+from optim.model.method import Method
 from optim.model.objective import Weights
 from replay.logs import ReadOptions
 from replay.run.results import DISTRIBUTION, PACKAGES, installed_version

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from optim.audit.checks import AuditReport, audit_path, audit_recorded
-from optim.methods import Method
 from optim.methods.chain import Chain
+from optim.model.method import Method
 from optim.model.metrics import metrics
 from optim.model.objective import objective
 from optim.model.path import Path

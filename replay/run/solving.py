@@ -10,7 +10,7 @@ from functools import partial
 
 from numba.core import event
 
-from optim.methods import Method
+from optim.model.method import Method
 from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Result
 

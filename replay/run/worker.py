@@ -25,7 +25,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from optim.methods import Method
+from optim.model.method import Method
 from optim.model.problem import Problem
 from optim.model.result import OnIterate, ignore
 from replay.run.solving import OnNamedIterate, OnStart, Solved, solve

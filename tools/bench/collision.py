@@ -19,8 +19,10 @@ from typing import Any
 import numpy as np
 import shapely
 
-from optim.model.scene import Scene, clearance, collides, first_violation, make_scene, swept_clearance
-from optim.model.vehicle import Vehicle, body_corners, roll_out
+from optim.model.clearance import clearance, collides, first_violation, swept_clearance
+from optim.model.kinematics import roll_out
+from optim.model.scene import Scene, make_scene
+from optim.model.vehicle import Vehicle, body_corners
 from replay.base.kernels import drop_stale
 from tools.bench.timing import least
 from tools.script import existing, run

@@ -15,10 +15,10 @@ from unittest.mock import patch
 import numpy as np
 
 from optim.methods import METHODS as KNOWN
-from optim.methods import Method
 from optim.methods.chain import named
 from optim.methods.scp import loop
 from optim.methods.scp.subproblem import Step
+from optim.model.method import Method
 from optim.model.objective import objective
 from optim.model.problem import Problem
 from optim.model.result import Result

@@ -19,7 +19,8 @@ import time
 
 import numpy as np
 
-from optim.model.vehicle import Vehicle, rk4_step
+from optim.model.kinematics import rk4_step
+from optim.model.vehicle import Vehicle
 from optim.steering import Flat, connections
 from replay.base.kernels import drop_stale
 from tools.script import from_one, run

@@ -15,8 +15,10 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from optim.model.scene import clearance, make_scene
-from optim.model.vehicle import Vehicle, state_from_flat
+from optim.model.clearance import clearance
+from optim.model.flat_map import state_from_flat
+from optim.model.scene import make_scene
+from optim.model.vehicle import Vehicle
 from optim.planning.rrt import Search
 from optim.steering.flat import Flat
 from tools.corpus.build import Built, build, build_with

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from optim.model.vehicle import body_corners, state_from_flat
+from optim.model.flat_map import state_from_flat
+from optim.model.vehicle import body_corners
 from optim.numerics.arrays import Array
 from tools.corpus.site import Grid, Pose, Site, footprints, ground, place, place_flat
 

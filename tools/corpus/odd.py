@@ -8,7 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from optim.model.vehicle import Vehicle, state_from_flat
+from optim.model.flat_map import state_from_flat
+from optim.model.vehicle import Vehicle
 from optim.steering.flat import Flat
 from tools.corpus.build import Built, Poses, build
 from tools.corpus.site import Area, Box, Shapes, Site

@@ -8,7 +8,9 @@ import pathlib
 
 import numpy as np
 
-from optim.model.vehicle import Vehicle, flat_from_state, roll_out
+from optim.model.flat_map import flat_from_state
+from optim.model.kinematics import roll_out
+from optim.model.vehicle import Vehicle
 from optim.steering.flat import Flat
 from tools.corpus.build import Built, Poses
 from tools.corpus.site import Box, Shapes, Site

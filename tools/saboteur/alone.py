@@ -6,8 +6,9 @@ import numpy as np
 import shapely
 
 from optim.audit.data import COLUMNS
+from optim.model.kinematics import roll_out
 from optim.model.path import roll_out_segment
-from optim.model.vehicle import body_corners, roll_out
+from optim.model.vehicle import body_corners
 from tools.saboteur.claims import (
     TOLERANCES,
     Claim,

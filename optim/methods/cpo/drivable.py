@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optim.methods.cpo.spline import GAUSS_W, Basis, basis, positions, sampled
+from optim.model.flat_map import state_from_flat
 from optim.model.path import Segment, segment_from_states
-from optim.model.vehicle import Vehicle, state_from_flat
+from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array
 
 _POSITION, _BEND, _LIMIT = 0.05, 0.01, 0.002  # sigma_position [m], sigma_bend [1/m^3], sigma_limit [-]

@@ -24,12 +24,12 @@ from optim.methods.cpo.discs import axle_point, covering_discs
 from optim.methods.cpo.points import Row, Track, spread
 from optim.methods.cpo.rounds import TOLERATED, Settings, Trial, checks, improve
 from optim.methods.cpo.terms import Terms
+from optim.model.clearance import distance_field
+from optim.model.flat_map import not_flat
 from optim.model.objective import objective
 from optim.model.path import Path, Segment
 from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Picture, Result, Stop, ignore
-from optim.model.scene import distance_field
-from optim.model.vehicle import not_flat
 from optim.numerics.arrays import frozen
 
 _DEAREST = 1000.0  # of a cell, equation (18)

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from optim.model.flat_map import flat_from_state
 from optim.model.path import Segment
-from optim.model.vehicle import Vehicle, flat_from_state
+from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, BoolArray
 
 ENDS = 2

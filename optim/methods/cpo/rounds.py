@@ -16,9 +16,9 @@ from optim.methods.cpo.descent import Descent, descend
 from optim.methods.cpo.drivable import Stretch, drivable_stretch
 from optim.methods.cpo.points import Row, Track, spread
 from optim.methods.cpo.terms import Terms
+from optim.model.clearance import swept_clearance
 from optim.model.path import Segment, segment_from_states
 from optim.model.problem import Problem
-from optim.model.scene import swept_clearance
 from optim.numerics.arrays import Array, BoolArray
 
 _SLACK = 1e-9  # of limits, relative: rounding

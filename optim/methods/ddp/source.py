@@ -20,12 +20,13 @@ from optim.geometry.field import DistanceField
 from optim.knots.transcription import knots_of
 from optim.methods.ddp.backward import Expansion, Policy, new_expansion
 from optim.methods.ddp.solver import End, Settings, Solution, minimise
+from optim.model.clearance import distance_field
+from optim.model.kinematics import rk4_step, rk4_step_jacobian
 from optim.model.objective import objective
 from optim.model.path import Path, Segment, roll_out_segment
 from optim.model.problem import Problem, path_clearance
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
-from optim.model.scene import distance_field
-from optim.model.vehicle import body_corners, body_poses, rk4_step, rk4_step_jacobian
+from optim.model.vehicle import body_corners, body_poses
 from optim.numerics.arrays import Array, IntArray
 
 W_A, W_B, W_C, W_D = np.array([1.0, 0.3]), np.ones(4), np.ones(4), 1e-5

@@ -21,7 +21,7 @@ import numpy as np
 
 from optim.knots.step import VARIABLES, step_jet
 from optim.methods.ddp.constraints import knot_terms
-from optim.model.vehicle import rk4
+from optim.model.kinematics import rk4
 from optim.numerics.arrays import Array
 from optim.numerics.kernel import kernel
 

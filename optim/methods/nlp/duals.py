@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optim.geometry.separation import separations
+from optim.model.clearance import separations
 from optim.model.problem import Problem
 from optim.numerics.arrays import Array, IntArray
 

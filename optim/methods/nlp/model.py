@@ -11,9 +11,10 @@ import numpy as np
 
 from optim.knots.transcription import Knots
 from optim.methods.nlp.duals import Pairs, half_planes, starting_multipliers
+from optim.model.clearance import witnesses
 from optim.model.objective import Weights
 from optim.model.problem import Problem
-from optim.model.scene import Scene, witnesses
+from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle, body_poses
 from optim.numerics.arrays import Array
 

@@ -9,8 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from optim.geometry.separation import Separations, separations
 from optim.knots.transcription import Knots, defects, dynamics_curvature, objective_gradient
+from optim.model.clearance import Separations, separations
 from optim.model.objective import Weights
 from optim.model.problem import Problem
 from optim.model.vehicle import Vehicle

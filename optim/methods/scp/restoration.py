@@ -18,10 +18,10 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import solve_banded
 
-from optim.geometry.separation import separations
 from optim.knots.transcription import Knots, defects
 from optim.methods.scp.linearisation import Scales
 from optim.methods.scp.subproblem import Limits
+from optim.model.clearance import separations
 from optim.model.problem import Problem
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, BoolArray, IntArray

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from optim.fit.poses import Fit
+from optim.model.clearance import swept_clearance, witnesses
 from optim.model.problem import Problem
-from optim.model.scene import swept_clearance, witnesses
 from optim.numerics.arrays import Array
 from replay.logs.meaning.planar import Refusal
 from replay.logs.meaning.poses import RecordedPoses

@@ -15,8 +15,9 @@ import numpy as np
 from optim.knots.transcription import Knots, knots_of
 from optim.methods.nlp.duals import Pairs, pairs_within
 from optim.methods.nlp.model import Units, step_function
+from optim.model.clearance import witnesses
 from optim.model.problem import Problem
-from optim.model.scene import Scene, witnesses
+from optim.model.scene import Scene
 from optim.numerics.arrays import Array
 from tools.bench.peers.common import SPACING, Answer, path_at
 from tools.bench.peers.obca import all_pairs, ipopt_options

@@ -17,7 +17,8 @@ import shapely
 from numba import njit
 
 from optim.geometry.collision import box_distance, rectangle, separating_gap, signed_distance
-from optim.model.scene import Scene, clearance, collides
+from optim.model.clearance import clearance, collides
+from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle, body_corners, body_poses
 from optim.numerics.arrays import Array, BoolArray, IntArray
 from replay.base.files import atomic_write

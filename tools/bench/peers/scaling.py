@@ -11,10 +11,11 @@ import shapely
 
 from optim.geometry.cover import cover_cells
 from optim.knots.transcription import knots_of
-from optim.methods import METHODS, Method
+from optim.methods import METHODS
 from optim.methods.ddp.method import Ddp
 from optim.methods.scp.method import Scp
 from optim.methods.scp.statement import bucket, statement
+from optim.model.method import Method
 from optim.model.path import Path, Segment, reverse, segment_from_states
 from optim.model.problem import Problem
 from optim.model.scene import make_scene
