@@ -5,24 +5,51 @@ only. Each intermediate quantity carries its gradient and its Hessian (lower tri
 """
 
 import math
+from typing import NamedTuple
 
+import numpy as np
+
+from optim.numerics.arrays import Array
 from optim.numerics.kernel import kernel
 
 VARIABLES = 5
 """theta, alpha, phi0, phi1, h."""
 
 
+class StepJet(NamedTuple):
+    """Change of (x, y, theta, alpha) over a step, and its derivatives by z = (theta, alpha, phi0, phi1, h). Writable."""
+
+    value: Array
+    """Shape (4,)."""
+    gradient: Array
+    """Shape (4, 5)."""
+    hessian: Array
+    """Symmetric. Shape (4, 5, 5)."""
+    slopes: Array
+    """Work space: those of one stage. Shape (6, 6, 5), as (quantity, gradient and Hessian rows, z)."""
+
+
 @kernel
-def step_jet(theta, alpha, phi0, phi1, h, d, kinematics, second, value, gradient, hessian, jet):
-    """Change of (x, y, theta, alpha) over h, and its derivatives by (theta, alpha, phi0, phi1, h).
+def empty_jet():
+    """Arrays to fill."""
+    return StepJet(
+        np.empty(4), np.empty((4, VARIABLES)), np.empty((4, VARIABLES, VARIABLES)), np.empty((6, 6, VARIABLES))
+    )
+
+
+@kernel
+def step_jet(z, d, kinematics, second, into):
+    """Fill a StepJet.
 
     Args:
+        z: (theta, alpha, phi0, phi1, h) [rad, m].
         d: the gear, +1 or -1.
         kinematics: (l, l_t, M) [m].
         second: whether to fill the Hessians.
-        value, gradient, hessian: the results; shapes (4,), (4, 5) and (4, 5, 5), these symmetric.
-        jet: work space: slopes of one stage. Shape (6, 6, 5), as (quantity, gradient and Hessian rows, z).
+        into: the StepJet.
     """
+    theta, alpha, phi0, phi1, h = z
+    value, gradient, hessian, jet = into.value, into.gradient, into.hessian, into.slopes
     for o in range(4):
         value[o] = 0.0
         for i in range(5):

@@ -20,7 +20,7 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from optim.knots.step import step_jet
+from optim.knots.step import empty_jet, step_jet
 from optim.model.kinematics import rk4
 from optim.model.objective import Weights
 from optim.model.path import Path, Segment, sample_segment, segment_from_states
@@ -131,15 +131,16 @@ def steps_kernel(states, phi, h, gear, kinematics, weights):
     count, second = h.size, weights.shape[0] > 0
     gaps, jacobian = np.empty((count, 4)), np.zeros((count, 4, 7))
     curvature = np.zeros((count if second else 0, 5, 5))
-    value, gradient, hessian, jet = np.empty(4), np.empty((4, 5)), np.empty((4, 5, 5)), np.empty((6, 6, 5))
+    jet = empty_jet()
+    value, gradient, hessian = jet.value, jet.gradient, jet.hessian
     for k in range(count):
         for o in range(4):
             gaps[k, o] = states[k, o] - states[k + 1, o]
             jacobian[k, o, o] = 1.0
         if gear[k] == 0:
             continue
-        theta, alpha = states[k, 2], states[k, 3]
-        step_jet(theta, alpha, phi[k], phi[k + 1], h[k], gear[k], kinematics, second, value, gradient, hessian, jet)
+        z = (states[k, 2], states[k, 3], phi[k], phi[k + 1], h[k])
+        step_jet(z, gear[k], kinematics, second, jet)
         for o in range(4):
             gaps[k, o] += value[o]
             for i in range(5):

@@ -68,6 +68,9 @@ def _value(h, g, x, size):
 def box_qp(h, g, low, high, x, held, chol, gradient, step, trial, size):
     """Solve from x, which is overwritten; False when H is not positive on the free variables.
 
+    The arrays come one by one: in tuples each of them is counted as referenced at every call, by atomic operations that
+    make a backward pass 7 % slower.
+
     Args:
         h, g: shapes (m, m) and (m,).
         low, high: shape (m,), low <= high.

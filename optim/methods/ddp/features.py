@@ -18,6 +18,7 @@ quarter turn of n, p the rear axle, r the body's reference point and psi its hea
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,9 +30,24 @@ CORNER, OVERLAP = -1, -5
 POINT, SIDE, EDGE, OTHER = 0, 1, 2, 3  # what faces what: two points; a side of the body, a vertex; an edge, a corner
 
 
+class Contact(NamedTuple):
+    """Where a feature is nearest."""
+
+    distance: float
+    """Signed [m]."""
+    bx: float
+    """The point b of the body, relative to the scene's origin [m]."""
+    by: float
+    nx: float
+    """The unit normal n from the obstacle to the body."""
+    ny: float
+    kind: int
+    """POINT, SIDE, EDGE or OTHER."""
+
+
 @kernel
 def vertex_distance(scene, vertex, rect):
-    """Signed distance of a polygon's vertex from a rectangle: distance, b, n and the kind of contact."""
+    """Contact of a polygon's vertex with a rectangle."""
     cx, cy, c, s, hx, hy = rect
     dx, dy = scene.vertices[vertex, 0] - cx, scene.vertices[vertex, 1] - cy
     u, v = c * dx + s * dy, c * dy - s * dx
@@ -44,12 +60,13 @@ def vertex_distance(scene, vertex, rect):
         distance, bu, bv, nu, nv, kind = over_u, math.copysign(hx, u), v, -math.copysign(1.0, u), 0.0, SIDE
     else:
         distance, bu, bv, nu, nv, kind = over_v, u, math.copysign(hy, v), 0.0, -math.copysign(1.0, v), SIDE
-    return distance, cx + c * bu - s * bv, cy + s * bu + c * bv, c * nu - s * nv, s * nu + c * nv, kind
+    bx, by = cx + c * bu - s * bv, cy + s * bu + c * bv
+    return Contact(distance, bx, by, c * nu - s * nv, s * nu + c * nv, kind)
 
 
 @kernel
 def corner_distance(scene, polygon, corner, rect):
-    """Signed distance of a rectangle's corner from a polygon: distance, b, n and the kind of contact."""
+    """Contact of a rectangle's corner with a polygon."""
     cx, cy, c, s, hx, hy = rect
     u = hx if corner in (1, 2) else -hx
     v = hy if corner >= 2 else -hy
@@ -62,7 +79,7 @@ def corner_distance(scene, polygon, corner, rect):
             height, best = over, i
     nx, ny = scene.normals[best, 0], scene.normals[best, 1]
     if height <= 0.0:
-        return height, bx, by, nx, ny, EDGE
+        return Contact(height, bx, by, nx, ny, EDGE)
     # outside: the nearest point is on the edge, or a vertex; walk from the highest edge
     nearest, nearest_x, nearest_y, kind = math.inf, nx, ny, EDGE
     for i in range(begin, end):
@@ -78,35 +95,43 @@ def corner_distance(scene, polygon, corner, rect):
             after = i + 1 if i + 1 < end else begin
             if mx * (by - scene.vertices[after, 1]) - my * (bx - scene.vertices[after, 0]) <= 0.0:
                 nearest, nearest_x, nearest_y, kind = over, mx, my, EDGE
-    return nearest, bx, by, nearest_x, nearest_y, kind
+    return Contact(nearest, bx, by, nearest_x, nearest_y, kind)
 
 
 @kernel
-def feature_distance(scene, polygon, feature, rect):
-    """Distance, b, n and the kind of contact of one feature."""
+def contact_of(scene, polygon, feature, rect):
+    """Contact of one feature."""
     if feature >= 0:
         return vertex_distance(scene, feature, rect)
     if feature > OVERLAP:
         return corner_distance(scene, polygon, CORNER - feature, rect)
     distance, bx, by, _, _, nx, ny = signed_distance(scene, polygon, rect)
-    return distance, bx, by, nx, ny, OTHER
+    return Contact(distance, bx, by, nx, ny, OTHER)
 
 
 @kernel
-def list_features(scene, footprints, offset, states, reach, most, old, first, body, polygon, feature, multiplier):
+def list_features(constraints, states, reach, most, new):
     """List the features nearer than `reach` at each knot; how many there are, also if too many for the arrays.
 
-    Multipliers of the old rows are taken over; a row that is new starts with 0. Of each body at most `most` polygons,
-    the nearest ones. Both ends of the path are given and have no rows.
+    Both ends of the path are given and have no rows.
+
+    Args:
+        constraints: the Constraints, with the rows of the last list; their multipliers are taken over, while a row
+            that is new starts with 0.
+        states: shape (N + 1, n).
+        reach: [m].
+        most: polygons near each body that are looked at, the nearest ones.
+        new: the ClearanceRows to fill.
     """
+    scene, bodies, old, _ = constraints
     near, order = np.empty(most), np.empty(most, np.int64)
     count = 0
     for k in range(states.shape[0]):
-        first[k] = count
+        new.first[k] = count
         if k == 0 or k == states.shape[0] - 1:
             continue
         for b in range(2):
-            rect = rectangle(scene, footprints, offset, states, k, b)
+            rect = rectangle(scene, bodies.footprints, bodies.hitch_offset, states, k, b)
             for m in range(nearest_polygons(scene, rect, reach, near, order)):
                 p = order[m]
                 begin, end = scene.first[p], scene.first[p + 1]
@@ -115,13 +140,13 @@ def list_features(scene, footprints, offset, states, reach, most, old, first, bo
                     if code == OVERLAP:
                         if near[m] > 0.0:
                             continue
-                    elif feature_distance(scene, p, code, rect)[0] >= reach:
+                    elif contact_of(scene, p, code, rect).distance >= reach:
                         continue
-                    if count < body.size:
-                        body[count], polygon[count], feature[count], multiplier[count] = b, p, code, 0.0
+                    if count < new.body.size:
+                        new.body[count], new.polygon[count], new.feature[count], new.multiplier[count] = b, p, code, 0.0
                         for o in range(old.first[k], old.first[k + 1]):
                             if old.body[o] == b and old.feature[o] == code and old.polygon[o] == p:
-                                multiplier[count] = old.multiplier[o]
+                                new.multiplier[count] = old.multiplier[o]
                     count += 1
-    first[states.shape[0]] = count
+    new.first[states.shape[0]] = count
     return count

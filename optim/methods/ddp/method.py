@@ -2,22 +2,22 @@
 
 Source: Esteban Cabezos 2020, section 4.3. What the source does with weights (the goal, obstacles) is done with
 multipliers here, so that the goal is reached and the limits are kept exactly; its own formulation stays available as
-`variant="source"`. See `optim.methods.ddp.truck` for stages, states and controls, `optim.methods.ddp.features` for the
-clearance, `optim.methods.ddp.augmented` for the multipliers, `optim.methods.ddp.search` for what is done about
-needless gear changes and clearance between the knots.
+`variant="source"`. The algorithm is in `optim.methods.ddp.algorithm`; see `optim.methods.ddp.truck` for stages, states
+and controls, `optim.methods.ddp.features` for the clearance, `optim.methods.ddp.search` for what is done about
+redundant gear changes and clearance between the knots.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
-from optim.knots.transcription import knots_of, path_of
-from optim.methods.ddp.augmented import Descent, Plan
-from optim.methods.ddp.model import Residuals
-from optim.methods.ddp.search import LARGEST_GAP, Finding, is_feasible, polish, refined, settle, shed_segments
-from optim.methods.ddp.solver import End
+from optim.knots.transcription import LARGEST_DEFECT, knots_of, path_of
+from optim.methods.ddp.algorithm import Descent, OnStep, PenaltySchedule
+from optim.methods.ddp.constraints import PerConstraint, Residuals
+from optim.methods.ddp.search import FeasiblePath, is_feasible, polish, refined, settle, shed_segments
 from optim.methods.ddp.source import solve_source
+from optim.model.iterates import IterateStream
 from optim.model.objective import objective
-from optim.model.path import Path
 from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.numerics.checks import require
@@ -82,128 +82,118 @@ class Ddp:
         """Improve `problem.initial`; ends, limits and `problem.required_clearance` are kept."""
         if self.variant == "source":
             return solve_source(problem, self.spacing, self.max_iterations, on_iterate)
-        tell = _Teller(problem, self, on_iterate)
-        first, *others = self._first_plans()
-        descent, finding = self._attempt(problem, first, tell)
-        while finding is None and others:
-            descent, finding = self._attempt(problem, others.pop(0), tell)
-        return tell.result(descent, finding)
+        iterates = IterateStream.begin(problem, on_iterate)
+        first, *others = self._first_schedules()
+        descent, found = self._attempt(problem, first, partial(self._announce, iterates))
+        while found is None and others:
+            descent, found = self._attempt(problem, others.pop(0), partial(self._announce, iterates))
+        return self._result(iterates, descent, found)
 
-    def _attempt(self, problem: Problem, plan: Plan, tell: "_Teller") -> tuple[Descent, Finding | None]:
+    def _attempt(
+        self, problem: Problem, schedule: PenaltySchedule, on_step: OnStep
+    ) -> tuple[Descent, FeasiblePath | None]:
         """Descend at coarse knots, leave out segments, then keep everything between fine knots too."""
-        descent = settle(problem, knots_of(problem.vehicle, problem.initial, plan.spacing), plan, tell.step)
-        if not is_feasible(descent, plan):
+        descent = settle(problem, knots_of(problem.vehicle, problem.initial, schedule.spacing), schedule, on_step)
+        if not is_feasible(descent, schedule):
             return descent, None
         # the last is the best, unless it only exists between coarse knots
-        for candidate in reversed(shed_segments(descent, plan, self.removals, tell.step)):
-            descent = refined(candidate, self._last_plan())
-            finding = polish(descent, self._last_plan(), self.max_rounds, tell.step)
-            if finding is not None:
-                return descent, finding
+        for candidate in reversed(shed_segments(descent, schedule, self.removals, on_step)):
+            descent = refined(candidate, self._last_schedule())
+            found = polish(descent, self._last_schedule(), self.max_rounds, on_step)
+            if found is not None:
+                return descent, found
         return descent, None
 
-    def _first_plans(self) -> tuple[Plan, ...]:
+    def _first_schedules(self) -> tuple[PenaltySchedule, ...]:
         """What is tried in turn until a path is found: low penalties go farther down, high ones keep to the ground."""
-        loose = (2e-4, 1e-3, 1e-3)  # [m, rad]: what comes after is exact
-        low = Plan(
+        low = PenaltySchedule(
             spacing=self.coarse_spacing,
-            penalties=(self.goal_penalty, self.clearance_penalty, self.clearance_penalty),
+            penalties=PerConstraint(self.goal_penalty, self.clearance_penalty, self.clearance_penalty),
             rounds=self.max_updates,
             iterations=self.max_iterations,
             gradient=1e-2,
-            tolerances=loose,
+            tolerances=PerConstraint(goal=2e-4, hitch=1e-3, clearance=1e-3),  # what comes after is exact
             curvature=self.hessian == "full",
         )
-        goal, hitch, clear = self._high_penalties()
-        highest = (100.0 * goal, 10.0 * hitch, 10.0 * clear)
-        coarse = [replace(low, penalties=penalties) for penalties in (low.penalties, (goal, hitch, clear), highest)]
-        return *coarse, *(replace(plan, spacing=self.spacing) for plan in coarse)
+        high = self._high_penalties()
+        highest = PerConstraint(100.0 * high.goal, 10.0 * high.hitch, 10.0 * high.clearance)
+        coarse = [replace(low, penalties=penalties) for penalties in (low.penalties, high, highest)]
+        return *coarse, *(replace(schedule, spacing=self.spacing) for schedule in coarse)
 
-    def _last_plan(self) -> Plan:
-        return Plan(
+    def _last_schedule(self) -> PenaltySchedule:
+        return PenaltySchedule(
             spacing=self.spacing,
             penalties=self._high_penalties(),
             rounds=max(1, self.max_updates // 2),
             iterations=self.max_iterations,
             gradient=self.gradient_tolerance,
-            tolerances=(self.goal_tolerance, self.clearance_tolerance, self.clearance_tolerance),
+            tolerances=self._tolerances(),
             curvature=self.hessian == "full",
             regularisation=0.0,
             second_from=0,
             reach=0.5,
         )
 
-    def _high_penalties(self) -> tuple[float, float, float]:
-        return 10.0 * self.goal_penalty, 100.0 * self.clearance_penalty, 100.0 * self.clearance_penalty
+    def _high_penalties(self) -> PerConstraint:
+        clearance = 100.0 * self.clearance_penalty
+        return PerConstraint(10.0 * self.goal_penalty, clearance, clearance)
 
+    def _tolerances(self) -> PerConstraint:
+        return PerConstraint(self.goal_tolerance, self.clearance_tolerance, self.clearance_tolerance)
 
-class _Teller:
-    """Numbers the iterates of all descents through, and puts the outcome into words."""
+    def _announce(self, iterates: IterateStream, descent: Descent, step: float) -> None:
+        iterates.emit(lambda number: self._iterate(number, descent, step))
 
-    def __init__(self, problem: Problem, options: Ddp, on_iterate: OnIterate) -> None:
-        self.problem, self.options, self.on_iterate, self.count = problem, options, on_iterate, 0
-        self.value = objective(problem.initial, problem.weights)
-        on_iterate(Iterate(iteration=0, path=problem.initial, objective=self.value))
-
-    def step(self, descent: Descent, size: float) -> None:
-        self.count += 1
-        if self.on_iterate is ignore:
-            return
-        residuals = descent.model.residuals(descent.states, update=False)
-        path = path_of(self.problem.vehicle, descent.knots, self.problem.initial)
-        self._tell(path, max(residuals.violation), size, self._over_tolerance(descent, residuals))
-
-    def _tell(self, path: Path, violation: float, size: float, residuals: dict[str, float]) -> None:
-        value = objective(path, self.problem.weights)
-        self.on_iterate(
-            Iterate(
-                iteration=self.count,
-                path=path,
-                objective=value,
-                violation=violation,
-                step=size,
-                residuals=residuals,
-            )
+    def _iterate(self, number: int, descent: Descent, step: float) -> Iterate:
+        """The path of a descent after a step."""
+        problem, residuals = descent.problem, descent.model.residuals(descent.trajectory.states)
+        path = path_of(problem.vehicle, descent.knots, problem.initial)
+        return Iterate(
+            iteration=number,
+            path=path,
+            objective=objective(path, problem.weights),
+            violation=max(residuals.violation),
+            step=step,
+            residuals=self._over_tolerance(descent, residuals),
         )
 
     def _over_tolerance(self, descent: Descent, residuals: Residuals) -> dict[str, float]:
-        goal, hitch, clear = residuals.complementary
+        now, limit = residuals.complementary, self._tolerances()
         return {
-            "projected gradient": descent.gradient / self.options.gradient_tolerance,
-            "gap": descent.gap / LARGEST_GAP,
-            "goal": goal / self.options.goal_tolerance,
-            "hitch angle": hitch / self.options.clearance_tolerance,
-            "clearance": clear / self.options.clearance_tolerance,
+            "projected gradient": descent.gradient / self.gradient_tolerance,
+            "gap": descent.gap / LARGEST_DEFECT,
+            "goal": now.goal / limit.goal,
+            "hitch angle": now.hitch / limit.hitch,
+            "clearance": now.clearance / limit.clearance,
         }
+
+    def _result(self, iterates: IterateStream, descent: Descent, found: FeasiblePath | None) -> Result:
+        """The path found where it is better, and why the last descent ended."""
+        problem, path = descent.problem, descent.problem.initial
+        if found is not None and found.objective < objective(path, problem.weights):
+            path = found.path
+        gradient = f"projected gradient {descent.gradient:.1e}"
+        if found is None:
+            stop, reason = Stop.INFEASIBLE, f"no path found keeps everything: {self._lacking(descent)}; {gradient}"
+        elif descent.gradient <= self.gradient_tolerance:
+            stop, reason = Stop.CONVERGED, gradient
+        else:
+            stop = Stop.STALLED if descent.stop is Stop.STALLED else Stop.ITERATION_LIMIT
+            reason = f"all constraints are kept, yet it is not stationary: {gradient}"
+        iterations, value = iterates.number, objective(path, problem.weights)
+        residuals = {} if path is problem.initial else self._over_tolerance(descent, descent.residuals)
+        iterates.emit(lambda number: Iterate(iteration=number, path=path, objective=value, residuals=residuals))
+        return Result(path=path, stop=stop, reason=reason, iterations=iterations)
 
     def _lacking(self, descent: Descent) -> str:
         """What the last descent did not keep, in words."""
-        goal, hitch, clear = descent.residuals.violation
-        options, lacking = self.options, []
-        if goal > options.goal_tolerance:
-            lacking.append(f"the goal is missed by {goal:.2g} m or rad")
-        if hitch > options.clearance_tolerance:
-            lacking.append(f"the hitch angle is {hitch:.2g} rad beyond its limit")
-        if clear > options.clearance_tolerance:
-            lacking.append(f"{clear:.2g} m of clearance are missing")
-        if descent.gap > LARGEST_GAP:
+        over, limit, lacking = descent.residuals.violation, self._tolerances(), []
+        if over.goal > limit.goal:
+            lacking.append(f"the goal is missed by {over.goal:.2g} m or rad")
+        if over.hitch > limit.hitch:
+            lacking.append(f"the hitch angle is {over.hitch:.2g} rad beyond its limit")
+        if over.clearance > limit.clearance:
+            lacking.append(f"{over.clearance:.2g} m of clearance are missing")
+        if descent.gap > LARGEST_DEFECT:
             lacking.append(f"shots do not meet by {descent.gap:.2g} m or rad")
         return ", ".join(lacking) or "clearance is missing between the knots"
-
-    def result(self, descent: Descent, finding: Finding | None) -> Result:
-        """The path found where it is better, and why it ended."""
-        path = self.problem.initial
-        if finding is not None and finding.value < self.value:
-            path = finding.path
-        gradient = f"projected gradient {descent.gradient:.1e}"
-        if finding is None:
-            stop, reason = Stop.INFEASIBLE, f"no path found keeps everything: {self._lacking(descent)}; {gradient}"
-        elif descent.gradient <= self.options.gradient_tolerance:
-            stop, reason = Stop.CONVERGED, gradient
-        else:
-            stop = Stop.STALLED if descent.end is End.STALLED else Stop.ITERATION_LIMIT
-            reason = f"all constraints are kept, yet it is not stationary: {gradient}"
-        self.count += 1
-        final = self._over_tolerance(descent, descent.residuals) if path is not self.problem.initial else {}
-        self._tell(path, 0.0, 0.0, final)
-        return Result(path=path, stop=stop, reason=reason, iterations=self.count - 1)

@@ -17,10 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.geometry.field import DistanceField
+from optim.knots.between import CLEARANCE_TOLERANCE
 from optim.knots.transcription import knots_of
-from optim.methods.ddp.backward import Expansion, Policy, new_expansion
-from optim.methods.ddp.solver import End, Settings, Solution, minimise
+from optim.methods.ddp.algorithm import InnerOptions, Solution, minimise
+from optim.methods.ddp.backward import Expansion, Policy, Trajectory, new_expansion
 from optim.model.clearance import distance_field
+from optim.model.iterates import IterateStream
 from optim.model.kinematics import rk4_step, rk4_step_jacobian
 from optim.model.objective import objective
 from optim.model.path import Path, Segment, roll_out_segment
@@ -34,8 +36,6 @@ DISTANCE = 1.0
 """Points nearer than this to an obstacle are penalised, D [m]."""
 GOAL_TOLERANCE = 1e-6
 """A result must end that near to the goal [m, rad]; it is not bent to fit."""
-CLEARANCE_TOLERANCE = 1e-6
-"""By which a result may fall short of the required clearance [m]."""
 _ALONG = np.linspace(0.0, 1.0, 5)  # points on each side of a body, as shares of its length
 _SHORTEST, _LONGEST = 1e-3, 1.0  # [m] of a step
 _GRADIENT = 1e-4  # largest projected gradient that counts as converged
@@ -46,7 +46,7 @@ _FREE = 1e6  # [m, rad]: a roll-out that has gone so far has failed
 
 @dataclass(frozen=True, eq=False)
 class SourceModel:
-    """`optim.methods.ddp.solver.Model` of the source's formulation, N steps."""
+    """A `Model` of `optim.methods.ddp.algorithm`: the source's formulation, N steps."""
 
     problem: Problem
     gear: IntArray
@@ -56,8 +56,9 @@ class SourceModel:
     field: DistanceField
     expansion: Expansion
 
-    def roll_out(self, states: Array, controls: Array, policy: Policy, step: float, out: tuple[Array, Array]) -> float:
-        x, u = out
+    def roll_out(self, now: Trajectory, policy: Policy, step: float, into: Trajectory) -> float:
+        """As `Model` asks for it; infinite where the states leave every map."""
+        (states, controls), (x, u) = now, into
         x[0] = states[0]
         for k in range(len(self.gear)):
             wish = controls[k] + step * policy.k[k] + policy.gain[k] @ (x[k] - states[k])
@@ -67,7 +68,9 @@ class SourceModel:
                 return math.inf
         return self._cost(x, u)
 
-    def expand(self, states: Array, controls: Array, curvature: bool) -> tuple[float, Expansion]:
+    def expand(self, now: Trajectory, curvature: bool) -> tuple[float, Expansion]:
+        """As `Model` asks for it, without second derivatives."""
+        states, controls = now
         e, (h, phi) = self.expansion, controls.T
         reached, jacobian = rk4_step_jacobian(self.problem.vehicle, states[:-1], phi, phi, h, self.gear)
         e.gap[:] = np.where(np.abs(reached - states[1:]) > 1e-12, reached - states[1:], 0.0)
@@ -119,21 +122,15 @@ class SourceModel:
 
 def solve_source(problem: Problem, spacing: float, iterations: int, on_iterate: OnIterate = ignore) -> Result:
     """Minimise the source's cost from the recorded states; its path if it keeps everything, else the initial one."""
-    model, states, controls = _model(problem, spacing)
-    count = 0
-    on_iterate(Iterate(iteration=0, path=problem.initial, objective=objective(problem.initial, problem.weights)))
+    model, start = source_model(problem, spacing)
+    iterates = IterateStream.begin(problem, on_iterate)
 
-    def stepped(x: Array, u: Array, step: float, gradient: float) -> None:
-        nonlocal count
-        count += 1
-        path = _path(model, u)
-        miss = float(np.abs(path.goal - problem.initial.goal).max())
-        value = objective(path, problem.weights)
-        on_iterate(Iterate(iteration=count, path=path, objective=value, violation=miss, step=step))
+    def stepped(now: Trajectory, step: float, gradient: float) -> None:
+        iterates.emit(lambda number: _iterate(number, model, now.controls, step))
 
-    settings = Settings(iterations=iterations, curvature=False, gradient=_GRADIENT, first_regularisation=1.0)
-    found = minimise(model, states, controls, settings, stepped)
-    path = _path(model, found.controls)
+    options = InnerOptions(iterations=iterations, curvature=False, gradient=_GRADIENT, first_regularisation=1.0)
+    found = minimise(model, start, options, stepped)
+    path = _path(model, found.trajectory.controls)
     miss = np.abs(path.goal - problem.initial.goal)
     clear = path_clearance(problem.vehicle, problem.scene, path) - problem.required_clearance
     checks = (
@@ -146,19 +143,21 @@ def solve_source(problem: Problem, spacing: float, iterations: int, on_iterate: 
     gain = objective(problem.initial, problem.weights) - objective(path, problem.weights)
     if wrong or gain <= 0.0:
         path = problem.initial
+    steps, stop = iterates.number, Stop.INFEASIBLE if wrong else found.stop
+    iterates.emit_path(problem, path)
+    return Result(path=path, stop=stop, reason=_reason(found, wrong, gain), iterations=steps)
+
+
+def _iterate(number: int, model: SourceModel, controls: Array, step: float) -> Iterate:
+    """The path that the vehicle drives with the controls of a step."""
+    path, problem = _path(model, controls), model.problem
+    miss = float(np.abs(path.goal - problem.initial.goal).max())
     value = objective(path, problem.weights)
-    on_iterate(Iterate(iteration=count + 1, path=path, objective=value))
-    return Result(path=path, stop=_stop(found, wrong), reason=_reason(found, wrong, gain), iterations=count)
-
-
-def _stop(found: Solution, wrong: list[str]) -> Stop:
-    if wrong:
-        return Stop.INFEASIBLE
-    return {End.CONVERGED: Stop.CONVERGED, End.STALLED: Stop.STALLED}.get(found.end, Stop.ITERATION_LIMIT)
+    return Iterate(iteration=number, path=path, objective=value, violation=miss, step=step)
 
 
 def _reason(found: Solution, wrong: list[str], gain: float) -> str:
-    ended = f"{found.end.value} with a projected gradient of {found.gradient:.1e}"
+    ended = f"{found.stop.value} with a projected gradient of {found.gradient:.1e}"
     if wrong:
         return f"the source's weights, {ended}: the path {', '.join(wrong)}"
     return f"the source's weights, {ended}; J is {abs(gain):.3g} {'less' if gain > 0.0 else 'more'} than before"
@@ -175,7 +174,7 @@ def _limits_kept(problem: Problem, path: Path) -> tuple[tuple[bool, str], ...]:
     )
 
 
-def _model(problem: Problem, spacing: float) -> tuple[SourceModel, Array, Array]:
+def source_model(problem: Problem, spacing: float) -> tuple[SourceModel, Trajectory]:
     """The model, and the recorded states and controls to begin with."""
     knots = knots_of(problem.vehicle, problem.initial, spacing)
     drives = knots.gear != 0
@@ -186,7 +185,7 @@ def _model(problem: Problem, spacing: float) -> tuple[SourceModel, Array, Array]
     field = distance_field(problem.scene, _CELL, (low[0], low[1], high[0], high[1]))
     count = int(drives.sum())
     model = SourceModel(problem, knots.gear[drives], reference, field, new_expansion(count, 4, 2))
-    return model, reference, np.stack([knots.h[drives], steer[drives]], axis=1)
+    return model, Trajectory(reference, np.stack([knots.h[drives], steer[drives]], axis=1))
 
 
 def _path(model: SourceModel, controls: Array) -> Path:

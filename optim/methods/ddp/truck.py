@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optim.knots.step import VARIABLES, step_jet
+from optim.knots.step import VARIABLES, empty_jet, step_jet
 from optim.methods.ddp.constraints import knot_terms
 from optim.model.kinematics import rk4
 from optim.numerics.arrays import Array
@@ -31,6 +31,17 @@ LEVER = 10.0
 STATE_METRIC = (1.0, 1.0, 25.0, 25.0)
 """What moving by 1 m, or by 1 rad, weighs against each other: a corner of a body is some 5 m from the hitch."""
 _PLACE = (2, 3, 4, 6, 5)  # of theta, alpha, phi0, phi1, h in z = (state, control)
+
+
+class StageWeights(NamedTuple):
+    """Weights of J at driving stages."""
+
+    length: float
+    """[1/m]"""
+    steer: float
+    """[1/(m rad^2)]"""
+    rate: float
+    """[m/rad^2]"""
 
 
 class Stages(NamedTuple):
@@ -48,12 +59,13 @@ class Stages(NamedTuple):
     """Largest one. Shape (N,)."""
     toll: Array
     """Added to the weight of length at driving stages [1/m]; to press a segment out of the path. Shape (N,)."""
-    weights: Array
-    """Of length, steering, rate. Shape (3,)."""
-    limits: Array
-    """max_steer [rad], max_steer_rate [rad/m]. Shape (2,)."""
-    kinematics: Array
-    """l, l_t, M [m]. Shape (3,)."""
+    weights: StageWeights
+    max_steer: float
+    """[rad]"""
+    max_steer_rate: float
+    """[rad/m]"""
+    kinematics: tuple[float, float, float]
+    """l, l_t, M [m]."""
 
 
 @kernel
@@ -65,7 +77,7 @@ def _next_state(st, k, x, u0, u1, out):
         out[4], out[5] = u0, u1
         return
     h = st.share[k] * x[5]
-    l, l_t, offset = st.kinematics[0], st.kinematics[1], st.kinematics[2]
+    l, l_t, offset = st.kinematics
     out[0], out[1], out[2], out[3] = rk4(x[0], x[1], x[2], x[3], x[4], u0, h, d, l, l_t, offset)
     out[4], out[5] = u0, x[5]
 
@@ -77,15 +89,16 @@ def _stage_cost(st, k, x, u0):
         return st.jump[k] * change * change
     h = st.share[k] * x[5]
     square = (x[4] * x[4] + x[4] * u0 + u0 * u0) / 3.0
-    return h * (st.weights[0] + st.toll[k] + st.weights[1] * square) + st.weights[2] * change * change / h
+    weights = st.weights
+    return h * (weights.length + st.toll[k] + weights.steer * square) + weights.rate * change * change / h
 
 
 @kernel
 def _bounds(st, k, x):
     """Lowest and highest phi+; and whether each is the rate's limit."""
-    low, high, low_rate, high_rate = -st.limits[0], st.limits[0], False, False
+    low, high, low_rate, high_rate = -st.max_steer, st.max_steer, False, False
     if st.gear[k] != 0.0:
-        most = st.limits[1] * st.share[k] * x[5]
+        most = st.max_steer_rate * st.share[k] * x[5]
         if x[4] - most > low:
             low, low_rate = x[4] - most, True
         if x[4] + most < high:
@@ -94,13 +107,24 @@ def _bounds(st, k, x):
 
 
 @kernel
-def roll_out(st, scene, footprints, rows, lagrangian, e, states, controls, policy, step, reach, out, out_u):
+def roll_out(st, constraints, e, now, policy, step, reach, into):
     """Drive with u + step k + K dx, gaps closed by the share `step`; the augmented Lagrangian of where that leads.
 
     Infinite when a knot moves by more than `reach` [m, or rad times LEVER]: what is farther off is not in the list of
     rows, and obstacles may not be jumped over.
+
+    Args:
+        st: the Stages.
+        constraints: the Constraints.
+        e: the Expansion at `now`, of which the gaps count.
+        now: the Trajectory to start from.
+        policy: the Policy.
+        step: from 0 to 1.
+        reach: as above.
+        into: the Trajectory to fill.
     """
-    stages = st.gear.size
+    states, controls, out, out_u = now.states, now.controls, into.states, into.controls
+    stages, (scene, bodies, rows, lagrangian) = st.gear.size, constraints
     out[0] = states[0]
     total = 0.0
     for k in range(stages):
@@ -124,18 +148,16 @@ def roll_out(st, scene, footprints, rows, lagrangian, e, states, controls, polic
         moved = max(moved, LEVER * abs(out[k + 1, 3] - states[k + 1, 3]))
         if not moved <= reach:
             return np.inf
-        total += knot_terms(scene, footprints, st.kinematics[2], rows, lagrangian, out, k + 1, 0, e)
+        total += knot_terms(scene, bodies, rows, lagrangian, out, k + 1, 0, e)
     return total
 
 
 @kernel
-def expand(st, scene, footprints, rows, lagrangian, states, controls, curvature, e):
-    """Fill the Expansion at a trajectory; its augmented Lagrangian."""
-    stages = st.gear.size
-    following, derive = np.empty(STATES), 2 if curvature else 1
-    value, gradient = np.empty(4), np.empty((4, VARIABLES))
-    hessian, jet = np.empty((4, VARIABLES, VARIABLES)), np.empty((6, 6, VARIABLES))
-    kinematics = (st.kinematics[0], st.kinematics[1], st.kinematics[2])
+def expand(st, constraints, now, curvature, e):
+    """Fill the Expansion at a Trajectory; its augmented Lagrangian."""
+    stages, states = st.gear.size, now.states
+    scene, bodies, rows, lagrangian = constraints
+    following, jet, derive = np.empty(STATES), empty_jet(), 2 if curvature else 1
     e.lz[:] = 0.0
     e.lzz[:] = 0.0
     e.bend[:] = 0.0
@@ -145,48 +167,61 @@ def expand(st, scene, footprints, rows, lagrangian, states, controls, curvature,
             e.metric[k, i, i] = STATE_METRIC[i]
     total = 0.0
     for k in range(stages):
-        x, u0 = states[k], controls[k, 0]
-        total += knot_terms(scene, footprints, kinematics[2], rows, lagrangian, states, k, derive, e)
-        total += _stage_cost(st, k, x, u0)
-        low, high, low_rate, high_rate = _bounds(st, k, x)
-        e.low[k, 0], e.high[k, 0] = low - u0, high - u0
-        change = u0 - x[4]
+        total += knot_terms(scene, bodies, rows, lagrangian, states, k, derive, e)
+        total += _stage_cost(st, k, states[k], now.controls[k, 0])
         if st.gear[k] == 0.0:
-            for i in range(4):
-                e.fz[k, i, i] = 1.0
-                following[i] = x[i]
-            e.fz[k, 4, 6], e.fz[k, 5, 7] = 1.0, 1.0
-            following[4], following[5] = u0, controls[k, 1]
-            slope, bend = 2.0 * st.jump[k] * change, 2.0 * st.jump[k]
-            e.lz[k, 4] -= slope
-            e.lz[k, 6] = slope
-            e.lzz[k, 4, 4] += bend
-            e.lzz[k, 6, 6] = bend
-            e.lzz[k, 6, 4] = -bend
-            e.low[k, 1], e.high[k, 1] = st.shortest[k] - controls[k, 1], st.longest[k] - controls[k, 1]
+            _expand_standing(st, e, k, now, following)
         else:
-            w = st.share[k]
-            step_jet(x[2], x[3], x[4], u0, w * x[5], st.gear[k], kinematics, curvature, value, gradient, hessian, jet)
-            _drive_dynamics(e, k, w, gradient, hessian, curvature)
-            following[0], following[1] = x[0] + value[0], x[1] + value[1]
-            following[2], following[3] = x[2] + value[2], x[3] + value[3]
-            following[4], following[5] = u0, x[5]
-            _drive_cost(st, e, k, w, x, u0)
-            rate = st.limits[1] * w
-            e.low_x[k, 0, 4], e.low_x[k, 0, 5] = (1.0, -rate) if low_rate else (0.0, 0.0)
-            e.high_x[k, 0, 4], e.high_x[k, 0, 5] = (1.0, rate) if high_rate else (0.0, 0.0)
-            e.low[k, 1], e.high[k, 1] = 0.0, 0.0
+            _expand_driving(st, e, k, now, curvature, jet, following)
         for i in range(STATES):
             miss = following[i] - states[k + 1, i]
             # rounding is no gap: it would be carried along as one for ever
             e.gap[k, i] = miss if abs(miss) > 1e-12 else 0.0
-    total += knot_terms(scene, footprints, kinematics[2], rows, lagrangian, states, stages, derive, e)
+    total += knot_terms(scene, bodies, rows, lagrangian, states, stages, derive, e)
     return total
 
 
 @kernel
-def _drive_dynamics(e, k, w, gradient, hessian, curvature):
+def _expand_standing(st, e, k, now, following):
+    """Dynamics, cost and bounds of a gear change or the start, and the next state."""
+    x, u0, u1 = now.states[k], now.controls[k, 0], now.controls[k, 1]
+    for i in range(4):
+        e.fz[k, i, i] = 1.0
+        following[i] = x[i]
+    e.fz[k, 4, 6], e.fz[k, 5, 7] = 1.0, 1.0
+    following[4], following[5] = u0, u1
+    slope, bend = 2.0 * st.jump[k] * (u0 - x[4]), 2.0 * st.jump[k]
+    e.lz[k, 4] -= slope
+    e.lz[k, 6] = slope
+    e.lzz[k, 4, 4] += bend
+    e.lzz[k, 6, 6] = bend
+    e.lzz[k, 6, 4] = -bend
+    e.low[k, 0], e.high[k, 0] = -st.max_steer - u0, st.max_steer - u0
+    e.low[k, 1], e.high[k, 1] = st.shortest[k] - u1, st.longest[k] - u1
+
+
+@kernel
+def _expand_driving(st, e, k, now, curvature, jet, following):
+    """Dynamics, cost and bounds of an integration step, and the next state."""
+    x, u0, w = now.states[k], now.controls[k, 0], st.share[k]
+    step_jet((x[2], x[3], x[4], u0, w * x[5]), st.gear[k], st.kinematics, curvature, jet)
+    _drive_dynamics(e, k, w, jet, curvature)
+    for i in range(4):
+        following[i] = x[i] + jet.value[i]
+    following[4], following[5] = u0, x[5]
+    _drive_cost(st, e, k, w, x, u0)
+    low, high, low_rate, high_rate = _bounds(st, k, x)
+    e.low[k, 0], e.high[k, 0] = low - u0, high - u0
+    e.low[k, 1], e.high[k, 1] = 0.0, 0.0
+    rate = st.max_steer_rate * w
+    e.low_x[k, 0, 4], e.low_x[k, 0, 5] = (1.0, -rate) if low_rate else (0.0, 0.0)
+    e.high_x[k, 0, 4], e.high_x[k, 0, 5] = (1.0, rate) if high_rate else (0.0, 0.0)
+
+
+@kernel
+def _drive_dynamics(e, k, w, jet, curvature):
     """The step's derivatives by state and control: h = w L, theta and alpha include themselves."""
+    gradient, hessian = jet.gradient, jet.hessian
     e.fz[k, 0, 0], e.fz[k, 1, 1], e.fz[k, 5, 5] = 1.0, 1.0, 1.0
     e.fz[k, 4, 6] = 1.0
     for o in range(4):
@@ -204,12 +239,12 @@ def _drive_dynamics(e, k, w, gradient, hessian, curvature):
 def _drive_cost(st, e, k, w, x, u0):
     """Derivatives of a driving stage's cost by phi (4), L (5) and the next phi."""
     h, phi = w * x[5], x[4]
-    steer, pull = st.weights[1], st.weights[2]
+    steer, pull = st.weights.steer, st.weights.rate
     rate = (u0 - phi) / h
     square = (phi * phi + phi * u0 + u0 * u0) / 3.0
     left, right = (2.0 * phi + u0) / 3.0, (phi + 2.0 * u0) / 3.0
     e.lz[k, 4] += steer * h * left - 2.0 * pull * rate
-    e.lz[k, 5] += w * (st.weights[0] + st.toll[k] + steer * square - pull * rate * rate)
+    e.lz[k, 5] += w * (st.weights.length + st.toll[k] + steer * square - pull * rate * rate)
     e.lz[k, 6] = steer * h * right + 2.0 * pull * rate
     bend = 2.0 * steer * h / 3.0 + 2.0 * pull / h
     e.lzz[k, 4, 4] += bend
