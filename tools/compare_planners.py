@@ -113,7 +113,7 @@ def _measure(kind: str, number: int, seeds: int, time_limit: float) -> list[Row]
         if plan is not None:
             scene, path = scene_to_document(task.scene), path_to_document(plan.path)
             row["audit"] = row["found"] = audit_recorded(asdict(task.vehicle), scene, path).passed
-            row |= metrics(task.vehicle, task.scene, plan.path, Weights())
+            row |= asdict(metrics(task.vehicle, task.scene, plan.path, Weights()))
         rows.append(row)
     return rows
 
