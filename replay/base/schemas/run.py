@@ -11,19 +11,20 @@ RUN_SCHEMA: Final = "replay.run/1"
 LARGEST_HEAD: Final = 64 * 2**20
 """Size limit of the document [bytes]."""
 
-MethodOptions = dict[str, Scalar] | list[tuple[str, dict[str, Scalar]]]
+OptionValue = Scalar | list[Scalar]
+MethodOptions = dict[str, OptionValue] | list[tuple[str, dict[str, OptionValue]]]
 """Options of a method by name; of a chain, those of its parts in their order."""
 
 
 class OptionsDocument(Struct, frozen=True, kw_only=True):
     """Everything that decides the figures of a run. What is absent is not known."""
 
-    memory_limit_mib: Count | UnsetType = UNSET
+    memory_limit_mib: Count | UnsetType | None = UNSET
     methods: dict[str, MethodOptions] = {}
-    read: dict[str, Scalar | dict[str, Scalar]] = {}
+    read: dict[str, OptionValue | dict[str, Scalar]] = {}
     """Options of the reader; `vehicle` is a table or null."""
     seed: Count | UnsetType = UNSET
-    time_limit_s: Number | UnsetType = UNSET
+    time_limit_s: Number | UnsetType | None = UNSET
     weights: dict[str, Number] = {}
 
 
@@ -60,7 +61,7 @@ class RunHead(Struct, frozen=True, kw_only=True, tag_field="schema", tag=RUN_SCH
     logs: tuple[str, ...] = ()
     """Names of the logs that were to be worked on."""
     methods: tuple[str, ...] = ()
-    options: OptionsDocument = OptionsDocument()
+    options: OptionsDocument | None = None
     options_fingerprint: str = ""
     partial: str = ""
     """The selection in words; empty for the whole corpus."""
