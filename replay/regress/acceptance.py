@@ -1,18 +1,21 @@
 """Make a run the baseline, or take some of its results over into it."""
 
 import fnmatch
+import pathlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from msgspec.structs import fields, replace
 
 from replay.base.errors import ReplayError
-from replay.base.schemas.baseline import Baseline, Figures, LogFigures
+from replay.base.schemas.baseline import BASELINE_SCHEMA, Baseline, Figures, LogFigures
 from replay.base.schemas.corpus import Known
-from replay.base.schemas.log import LogDocument
+from replay.base.schemas.log import LogResults
 from replay.base.schemas.run import RunHead
 from replay.base.schemas.verdicts import Comparison
+from replay.regress.baseline import read_baseline
 from replay.regress.compare import baseline_entry, case_number, compare_log, is_other_log
+from replay.regress.folder import RunFolder
 from replay.regress.options import uncompared
 
 ACCEPT_ERROR = "E_ACCEPT"
@@ -58,8 +61,29 @@ class Acceptance:
     """Logs of the baseline before that are not in the new one."""
 
 
+def accept_run(
+    run: pathlib.Path, file: pathlib.Path | None = None, selection: Selection | None = None
+) -> tuple[pathlib.Path, Acceptance]:
+    """Compute the baseline that the run in a folder makes, and the file for it; nothing is written.
+
+    `file` is by default the one that the run was compared with. Raises ReplayError (E_ACCEPT) where the run is not fit
+    to be a baseline, and as `read_baseline` and `accepted`.
+    """
+    folder = RunFolder(run)
+    head = folder.head()
+    if head.partial:
+        raise ReplayError(ACCEPT_ERROR, f"{run}: a partial run ({head.partial}) cannot become the baseline")
+    if not head.complete:
+        raise ReplayError(ACCEPT_ERROR, f"{run}: an unfinished run cannot become the baseline; --resume does the rest")
+    if file is None and head.accept_to is None:
+        raise ReplayError(ACCEPT_ERROR, f"{run}: was compared with no file; name one: --baseline FILE")
+    file = file or pathlib.Path(str(head.accept_to))
+    before = read_baseline(file if file.exists() else None)
+    return file, accepted(before, folder.documents(), head, selection)
+
+
 def accepted(
-    before: Baseline, documents: Iterable[LogDocument], head: RunHead, selection: Selection | None = None
+    before: Baseline, documents: Iterable[LogResults], head: RunHead, selection: Selection | None = None
 ) -> Acceptance:
     """Compute the baseline that a run makes. Raises ReplayError (E_ACCEPT) where a selection cannot be taken over.
 
@@ -89,7 +113,7 @@ def accepted(
 
 
 def _taken(
-    document: LogDocument, old: LogFigures | None, known: Sequence[Known], selection: Selection
+    document: LogResults, old: LogFigures | None, known: Sequence[Known], selection: Selection
 ) -> tuple[int, LogFigures | None, list[Comparison]]:
     """The number of results taken over from a log's document, the log's new entry, and the changes."""
     if not selection.has_log(document.log):
@@ -104,6 +128,7 @@ def _taken(
 
 def _whole(head: RunHead, logs: dict[str, LogFigures]) -> Baseline:
     return Baseline(
+        schema=BASELINE_SCHEMA,
         created=head.created,
         revision=head.revision,
         options_fingerprint=head.options_fingerprint,
@@ -113,7 +138,7 @@ def _whole(head: RunHead, logs: dict[str, LogFigures]) -> Baseline:
 
 
 def _of_methods(
-    document: LogDocument, old: LogFigures | None, new: LogFigures, methods: Sequence[str]
+    document: LogResults, old: LogFigures | None, new: LogFigures, methods: Sequence[str]
 ) -> tuple[int, LogFigures | None]:
     """The old entry of a log with the new figures of some methods, and how many these are.
 

@@ -6,15 +6,14 @@ import pathlib
 from collections.abc import Collection
 from typing import Any
 
+from replay.base.documents import DocumentError, plain, read_json
 from replay.base.errors import ReplayError
 from replay.base.numbers import count
-from replay.base.schemas.baseline import LARGEST_BASELINE, Baseline
-from replay.base.strict_json import JsonError
-from replay.base.typed import read_document, to_plain
+from replay.base.schemas.baseline import BASELINE_SCHEMA, LARGEST_BASELINE, Baseline
 from replay.regress.folder import write_document
 
 BASELINE_ERROR = "E_BASELINE"
-EMPTY = Baseline(logs={})
+EMPTY = Baseline(schema=BASELINE_SCHEMA, logs={})
 """The baseline of a corpus that has none yet."""
 
 
@@ -23,8 +22,8 @@ def read_baseline(path: str | os.PathLike[str] | None) -> Baseline:
     if path is None:
         return EMPTY
     try:
-        return read_document(path, Baseline, LARGEST_BASELINE)
-    except JsonError as error:
+        return read_json(path, Baseline, LARGEST_BASELINE)
+    except DocumentError as error:
         hint = "expected a baseline: move the file away, and make it again with `replay regress accept`"
         raise ReplayError(BASELINE_ERROR, f"{os.fspath(path)}: {error}; {hint}") from None
 
@@ -53,7 +52,7 @@ def check_baseline(path: pathlib.Path | None, corpus: str, names: Collection[str
 
 def write_baseline(path: str | os.PathLike[str], baseline: Baseline) -> None:
     """Write a baseline, whole or not at all, each result on a line of its own so that changes can be reviewed."""
-    head: dict[str, Any] = to_plain(baseline)
+    head: dict[str, Any] = plain(baseline)
     logs, options = head.pop("logs"), head.pop("settings")
     lines = ["{"] + [f" {json.dumps(key)}: {json.dumps(value)}," for key, value in sorted(head.items())]
     if options is not None:

@@ -8,7 +8,7 @@ import msgspec
 from replay.base.numbers import count
 from replay.base.schemas.baseline import Figures, LogFigures
 from replay.base.schemas.corpus import Known
-from replay.base.schemas.log import CRASHES, LogDocument, LogError, MethodResult
+from replay.base.schemas.log import CRASHES, LogFailure, LogResults, MethodResult
 from replay.base.schemas.verdicts import FAILING, Comparison, Verdict
 from replay.regress.gate import Figure, figures_of, stored
 
@@ -17,7 +17,7 @@ _NO_FIGURES = Figures()
 
 
 def compare_log(
-    log: LogDocument,
+    log: LogResults,
     before: LogFigures | None,
     known: Sequence[Known] = (),
     *,
@@ -40,7 +40,7 @@ def compare_log(
     return [_excused(each, known) for each in found if not each.method or each.key not in without]
 
 
-def is_other_log(log: LogDocument, before: LogFigures | None) -> bool:
+def is_other_log(log: LogResults, before: LogFigures | None) -> bool:
     """Whether the log's content differs from that of the log the baseline was recorded on."""
     return before is not None and before.sha256 not in (None, log.sha256)
 
@@ -71,7 +71,7 @@ def gone(known: Iterable[Known], found: Sequence[Comparison], *, partial: bool =
     return passing
 
 
-def baseline_entry(log: LogDocument) -> LogFigures:
+def baseline_entry(log: LogResults) -> LogFigures:
     """The figures of a log's document that a baseline keeps."""
     if log.error is not None:
         return LogFigures(sha256=log.sha256, error=log.error.code, cases={})
@@ -92,7 +92,7 @@ def case_number(case: str) -> str:
     return case.rpartition("/")[2]
 
 
-def _refused(log: LogDocument, error: LogError, before: LogFigures | None) -> Comparison:
+def _refused(log: LogResults, error: LogFailure, before: LogFigures | None) -> Comparison:
     """A log that could not be used."""
     known_before = None if before is None else before.error or ("read" if before.cases else None)
     was = known_before or log.expect or None
@@ -107,7 +107,7 @@ def _refused(log: LogDocument, error: LogError, before: LogFigures | None) -> Co
     return Comparison(log=log.log, key="error", before=was, after=error.code, verdict=verdict, note=note)
 
 
-def _other_log(log: LogDocument, before: LogFigures | None) -> list[Comparison]:
+def _other_log(log: LogResults, before: LogFigures | None) -> list[Comparison]:
     """A log whose content changed: its results are not compared, crashes alone are listed."""
     number = sum(len(case.methods) for case in log.cases)
     note = f"{log.log} is another log than the baseline's: {count(number, 'result')} not compared"
@@ -121,7 +121,7 @@ def _short(sha256: str | None) -> str:
     return (sha256 or "")[:12]
 
 
-def _results(log: LogDocument, before: LogFigures, whole: bool) -> list[Comparison]:
+def _results(log: LogResults, before: LogFigures, whole: bool) -> list[Comparison]:
     found: list[Comparison] = []
     cases = dict(before.cases)
     for case in log.cases:
@@ -162,7 +162,7 @@ def _compared(where: Mapping[str, str], figure: Figure, before: object, verdict:
     )
 
 
-def _expectation(log: LogDocument, before: LogFigures) -> list[Comparison]:
+def _expectation(log: LogResults, before: LogFigures) -> list[Comparison]:
     """Compare a log that could be read with what the corpus declares about it."""
     note = f"against what {log.declared or 'corpus.toml'} expects"
     if before.error:

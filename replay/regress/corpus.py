@@ -33,10 +33,9 @@ from typing import Any, Final
 
 import msgspec
 
+from replay.base.documents import DocumentError, convert
 from replay.base.errors import ReplayError, printable
 from replay.base.schemas.corpus import CorpusList, Known, LogDeclaration
-from replay.base.strict_json import JsonError
-from replay.base.typed import to_document
 from replay.regress.sources import STORES, find_objects
 
 CORPUS_ERROR = "E_CORPUS"
@@ -230,7 +229,7 @@ def read_list(path: pathlib.Path) -> _Declared:
         return _Declared(content=_list(tomllib.loads(text)), path=str(path), lines=_lines(text))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ReplayError(CORPUS_ERROR, f"{path}: not TOML: {error}") from error
-    except (JsonError, ValueError) as error:
+    except (DocumentError, ValueError) as error:
         raise ReplayError(CORPUS_ERROR, f"{path}: {error}") from error
 
 
@@ -250,9 +249,9 @@ def _lines(text: str) -> dict[str, int]:
 
 
 def _list(data: Mapping[str, Any]) -> CorpusList:
-    """The list that a TOML document holds. Raises JsonError, ValueError."""
+    """The list that a TOML document holds. Raises DocumentError, ValueError."""
     _check_keys(data, _keys(CorpusList), "")
-    found = to_document(data, CorpusList)
+    found = convert(data, CorpusList)
     for name in found.logs:
         if "/" in name:
             folder, _, stem = name.rpartition("/")

@@ -12,13 +12,12 @@ from collections.abc import Sequence
 
 import msgspec
 
+from replay.base.documents import parse_json, plain
 from replay.base.errors import ReplayError
 from replay.base.run_folder import VERDICTS_FILE
 from replay.base.schemas.baseline import Baseline
 from replay.base.schemas.run import Commands, RunHead
-from replay.base.schemas.verdicts import Comparison, Verdicts
-from replay.base.strict_json import parse_json
-from replay.base.typed import to_document, to_plain
+from replay.base.schemas.verdicts import VERDICTS_SCHEMA, Comparison, Verdicts
 from replay.regress.baseline import read_baseline
 from replay.regress.compare import compare_log, gone, missing_log
 from replay.regress.folder import RunFolder, file_stem, write_document
@@ -31,14 +30,14 @@ FINISH_ERROR = "E_REPORT"
 
 def finish(folder: pathlib.Path, history: pathlib.Path, commands: Commands) -> Conclusion:
     """Judge a run and write its reports in a process of its own. Raises ReplayError (E_REPORT)."""
-    words = [str(folder), str(history), json.dumps(to_plain(commands))]
+    words = [str(folder), str(history), json.dumps(plain(commands))]
     command = [sys.executable, "-P", "-m", "replay.regress.finish", *words]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
         raise ReplayError(FINISH_ERROR, f"{folder}: the reports could not be made: {last}")
-    return to_document(parse_json(done.stdout), Conclusion)
+    return parse_json(done.stdout, Conclusion)
 
 
 def judge(folder: RunFolder) -> list[Comparison]:
@@ -61,7 +60,7 @@ def judge(folder: RunFolder) -> list[Comparison]:
     if not head.partial and head.complete:
         found += [missing_log(name, head.known) for name in sorted(baseline.logs.keys() - set(names))]
     found += gone(head.known, found, partial=bool(head.partial))
-    text = json.dumps(to_plain(Verdicts(comparisons=tuple(found))), sort_keys=True, indent=0)
+    text = json.dumps(plain(Verdicts(schema=VERDICTS_SCHEMA, comparisons=tuple(found))), sort_keys=True, indent=0)
     write_document(folder.path / VERDICTS_FILE, text)
     return found
 
@@ -94,13 +93,11 @@ def main() -> int:
     """Judge and report the run that the arguments name; returns the exit status."""
     folder, history, commands = sys.argv[1:4]
     try:
-        found = judge_and_report(
-            pathlib.Path(folder), pathlib.Path(history), to_document(parse_json(commands), Commands)
-        )
+        found = judge_and_report(pathlib.Path(folder), pathlib.Path(history), parse_json(commands, Commands))
     except ReplayError as error:
         sys.stderr.write(f"{error}\n")
         return 1
-    sys.stdout.write(json.dumps(to_plain(found)))
+    sys.stdout.write(json.dumps(plain(found)))
     return 0
 
 

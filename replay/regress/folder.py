@@ -17,13 +17,12 @@ import urllib.parse
 from collections.abc import Iterator
 
 from replay.base import run_folder
+from replay.base.documents import DocumentError, plain, read_json
 from replay.base.errors import ReplayError
 from replay.base.files import WRITE_ERROR, atomic_write, sync_directory
 from replay.base.run_folder import HEAD, LOGS, RECORDINGS
-from replay.base.schemas.log import LARGEST_LOG, LogDocument
+from replay.base.schemas.log import LARGEST_LOG, LogResults
 from replay.base.schemas.run import RunHead
-from replay.base.strict_json import JsonError
-from replay.base.typed import read_document, to_plain
 
 ATTEMPTS = "attempts"
 _LONGEST = 200
@@ -48,7 +47,7 @@ class RunFolder:
 
     def write_head(self, head: RunHead) -> None:
         """Write the head. Raises ReplayError (E_WRITE)."""
-        write_document(self.path / HEAD, json.dumps(to_plain(head), indent=1, sort_keys=True))
+        write_document(self.path / HEAD, json.dumps(plain(head), indent=1, sort_keys=True))
 
     def head(self) -> RunHead:
         """Read the head. Raises ReplayError (E_RUN) where there is none."""
@@ -62,15 +61,15 @@ class RunFolder:
         """Names of the documents that are there, as files."""
         return {path.name for path in run_folder.log_files(self.path)}
 
-    def documents(self) -> Iterator[LogDocument]:
+    def documents(self) -> Iterator[LogResults]:
         """Read the documents one after the other; damaged ones are left out, `replay report` names them."""
         for path in run_folder.log_files(self.path):
-            with contextlib.suppress(JsonError):
-                yield read_document(path, LogDocument, LARGEST_LOG)
+            with contextlib.suppress(DocumentError):
+                yield read_json(path, LogResults, LARGEST_LOG)
 
-    def publish(self, document: LogDocument) -> bool:
+    def publish(self, document: LogResults) -> bool:
         """Give a log's document its name; False where there is one already. Raises ReplayError (E_WRITE)."""
-        text = json.dumps(to_plain(document), sort_keys=True, allow_nan=False, separators=(",", ":"))
+        text = json.dumps(plain(document), sort_keys=True, allow_nan=False, separators=(",", ":"))
         final = self.file(document.log)
         temporary = self.logs / f".{secrets.token_hex(8)}.tmp"
         try:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from replay.base.schemas.baseline import Figures
-from replay.base.schemas.log import Audit, MethodResult
-from replay.base.schemas.values import Scalar
+from replay.base.schemas.log import MethodResult
+from replay.base.schemas.results import AuditDocument
+from replay.base.schemas.values import Scalar, known
 from replay.base.schemas.verdicts import Verdict
 
 Direction = Literal["lower", "higher", "exact"]
@@ -65,7 +66,7 @@ def _rank(status: Scalar) -> int:
 def figures_of(result: MethodResult) -> list[Figure]:
     """The figures of a method's result that are compared."""
     metrics, audit = result.metrics, result.audit
-    clearance = metrics.min_clearance
+    clearance = known(metrics.min_clearance)
     enough = ENOUGH_CLEARANCE if clearance is None else min(clearance, ENOUGH_CLEARANCE)
     defect, defect_sum = _position(audit, "defect"), _position(audit, "defect_sum")
     work = (("evaluations", result.work.evaluations), ("iterations", result.work.iterations))
@@ -75,13 +76,13 @@ def figures_of(result: MethodResult) -> list[Figure]:
         Figure(key="min_clearance", value=enough, unit="m", direction="higher", abs_tol=1e-3),
         Figure(key="defect", value=defect, unit="m", direction="lower", abs_tol=1e-5),
         Figure(key="defect_sum", value=defect_sum, unit="m", direction="lower", abs_tol=1e-4),
-        Figure(key="objective", value=metrics.objective, direction="lower", rel_tol=1e-3),
-        Figure(key="cusps", value=metrics.cusps, direction="lower"),
+        Figure(key="objective", value=known(metrics.objective), direction="lower", rel_tol=1e-3),
+        Figure(key="cusps", value=known(metrics.cusps), direction="lower"),
         *(Figure(key=key, value=n, direction="lower", rel_tol=0.01) for key, n in work if n is not None),
     ]
 
 
-def _position(audit: Audit | None, name: str) -> float | None:
+def _position(audit: AuditDocument | None, name: str) -> float | None:
     """The position error that a check measured [m]."""
     check = None if audit is None else audit.checks.get(name)
     return None if check is None else check.values.get("position_m")

@@ -10,14 +10,14 @@ import msgspec
 
 from optim.audit.report import AuditReport
 from optim.model.metrics import Metrics
+from replay.base.documents import convert
 from replay.base.errors import LogError, ReplayError
 from replay.base.run_folder import RECORDINGS
-from replay.base.schemas import log as schema
 from replay.base.schemas.baseline import LogFigures
 from replay.base.schemas.corpus import Known
-from replay.base.schemas.log import CaseResult, LogDocument, MethodResult
+from replay.base.schemas.log import LOG_SCHEMA, CaseResult, LogFailure, LogResults, MethodResult, Recorded, Work
+from replay.base.schemas.results import AuditDocument, MetricsDocument, ReadDocument
 from replay.base.schemas.verdicts import Comparison
-from replay.base.typed import to_document
 from replay.logs import read_cases
 from replay.regress.compare import compare_log, worst
 from replay.regress.corpus import CorpusLog
@@ -96,19 +96,19 @@ def run_job(job: Job, solve: SolveEach, on_stage: OnStage) -> Outcome:
 
 def publish_error(job: Job, code: str, message: str) -> Outcome:
     """Publish that a log could not be worked on."""
-    document = _document(job, error=schema.LogError(code=code, message=message))
+    document = _document(job, error=LogFailure(code=code, message=message))
     found = compare_log(document, job.before, job.known, whole=job.whole)
     announced = code == job.log.expect or any(each.verdict in ("same", "known") for each in found)
     state = worst(found)
     return _published(job, document, "unread" if state == "same" and not announced else state)
 
 
-def _published(job: Job, document: LogDocument, state: str) -> Outcome:
+def _published(job: Job, document: LogResults, state: str) -> Outcome:
     published = RunFolder(job.folder).publish(document)
     return Outcome(name=job.log.name, state=state if published else "skipped")
 
 
-def _results(job: Job, solve: SolveEach, on_stage: OnStage) -> tuple[LogDocument, list[Run]]:
+def _results(job: Job, solve: SolveEach, on_stage: OnStage) -> tuple[LogResults, list[Run]]:
     on_stage("reading")
     runs = []
     for number, case in enumerate(read_cases(local_file(job.file), job.options.read)):
@@ -141,12 +141,13 @@ def _as_named(job: Job, notes: Iterable[str]) -> tuple[str, ...]:
 def _document(
     job: Job,
     *,
-    error: schema.LogError | None = None,
+    error: LogFailure | None = None,
     cases: tuple[CaseResult, ...] = (),
     sha256: str | None = None,
-) -> LogDocument:
+) -> LogResults:
     log = job.log
-    return LogDocument(
+    return LogResults(
+        schema=LOG_SCHEMA,
         log=log.name,
         path=log.path,
         sha256=sha256 or digest(job.file),
@@ -162,15 +163,15 @@ def _document(
 def _case(run: Run) -> CaseResult:
     return CaseResult(
         case=run.case.name,
-        recorded=schema.Recorded(metrics=_metrics(run.recorded_metrics), audit=_audit(run.recorded_audit)),
+        recorded=Recorded(metrics=_metrics(run.recorded_metrics), audit=_audit(run.recorded_audit)),
         read=_read(run.case),
         methods=tuple(map(_method, run.methods)),
     )
 
 
-def _read(case: Case) -> schema.Read:
+def _read(case: Case) -> ReadDocument:
     notes = tuple(note.replace(str(case.log), case.name) for note in case.read.notes)
-    return schema.Read(**(dataclasses.asdict(case.read) | {"notes": notes}))
+    return ReadDocument(**(dataclasses.asdict(case.read) | {"notes": notes}))
 
 
 def _method(run: MethodRun) -> MethodResult:
@@ -183,17 +184,17 @@ def _method(run: MethodRun) -> MethodResult:
         audit=_audit(run.audit),
         wall_s=run.wall_s,
         rejected=None if run.rejected is None else _audit(run.rejected),
-        work=schema.Work(iterations=run.iterations, evaluations=len(run.history)),
+        work=Work(iterations=run.iterations, evaluations=len(run.history)),
         traceback=run.traceback or msgspec.UNSET,
     )
 
 
-def _metrics(metrics: Metrics) -> schema.Metrics:
-    return schema.Metrics(**dataclasses.asdict(metrics))
+def _metrics(metrics: Metrics) -> MetricsDocument:
+    return MetricsDocument(**dataclasses.asdict(metrics))
 
 
-def _audit(report: AuditReport) -> schema.Audit:
-    return to_document(report.to_dict(), schema.Audit)
+def _audit(report: AuditReport) -> AuditDocument:
+    return convert(report.to_dict(), AuditDocument)
 
 
 def _wants_recording(job: Job, case: str, found: Sequence[Comparison]) -> bool:

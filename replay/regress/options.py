@@ -7,12 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import msgspec
+
 from optim.methods.chain import Chain
 from optim.model.method import Method
 from optim.model.objective import Weights
+from replay.base.documents import plain
 from replay.base.schemas.baseline import Baseline
 from replay.base.schemas.run import MethodOptions, OptionsDocument
-from replay.base.typed import to_plain
 from replay.logs import ReadOptions
 from replay.run.worker import Limits
 
@@ -61,8 +63,9 @@ def _plain_options(method: Method) -> dict[str, Any]:
 
 
 def fingerprint(data: object) -> str:
-    """Digest of plain data, equal for equal data."""
-    return hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()[:16]
+    """Digest of documents and plain data, equal for equal data."""
+    plain_data = msgspec.to_builtins(data, enc_hook=str)
+    return hashlib.sha256(json.dumps(plain_data, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def uncompared(baseline: Baseline, options: OptionsDocument | None) -> frozenset[str]:
@@ -84,7 +87,7 @@ def other_options(baseline: Baseline, options: OptionsDocument, options_fingerpr
     if baseline.options is None:
         same = not options_fingerprint or baseline.options_fingerprint == options_fingerprint
         return "" if same else "the baseline was made with other options; it does not say which"
-    found = list(_differences(to_plain(baseline.options), to_plain(options)))
+    found = list(_differences(plain(baseline.options), plain(options)))
     if not found:
         return ""
     more = f", and {len(found) - _MOST_NAMED} more" if len(found) > _MOST_NAMED else ""

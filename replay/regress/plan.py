@@ -12,15 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from optim.model.method import Method
+from replay.base.documents import DocumentError, read_json
 from replay.base.errors import ReplayError
 from replay.base.files import WRITE_ERROR, reserved
 from replay.base.run_folder import HEAD, SUMMARY_FILE
 from replay.base.schemas.baseline import Baseline
 from replay.base.schemas.corpus import Known
-from replay.base.schemas.log import LARGEST_LOG, LogDocument
-from replay.base.schemas.run import CorpusPlace, RunHead
-from replay.base.strict_json import JsonError
-from replay.base.typed import read_document, to_plain
+from replay.base.schemas.log import LARGEST_LOG, LogResults
+from replay.base.schemas.run import RUN_SCHEMA, CorpusPlace, RunHead
 from replay.regress.baseline import read_baseline
 from replay.regress.corpus import CorpusLog
 from replay.regress.folder import RunFolder, file_stem
@@ -57,9 +56,8 @@ class Plan:
     @property
     def fingerprint(self) -> str:
         """Digest that is equal for runs with the same logs, selection and options."""
-        logs = [dataclasses.asdict(log) for log in self.logs]
-        options = to_plain(self.options.document())
-        return fingerprint([self.corpus, logs, options, self.options.recordings, str(self.baseline)])
+        options = self.options.document()
+        return fingerprint([self.corpus, self.logs, options, self.options.recordings, str(self.baseline)])
 
     def methods_of(self, log: CorpusLog) -> dict[str, Method]:
         """The methods that are run on a log."""
@@ -97,6 +95,7 @@ def _head(plan: Plan, created: str, version: str) -> RunHead:
     given = None if plan.baseline is None else str(plan.baseline.absolute())
     exists = plan.baseline is not None and plan.baseline.exists()
     return RunHead(
+        schema=RUN_SCHEMA,
         created=created,
         revision=version,
         fingerprint=plan.fingerprint,
@@ -106,7 +105,7 @@ def _head(plan: Plan, created: str, version: str) -> RunHead:
         logs=tuple(log.name for log in plan.logs),
         methods=tuple(plan.options.methods),
         options=options,
-        options_fingerprint=fingerprint(to_plain(options)),
+        options_fingerprint=fingerprint(options),
         partial=plan.partial,
         partial_methods=plan.partial_methods,
         known=plan.known,
@@ -152,9 +151,9 @@ def _removed(log: CorpusLog, folder: RunFolder) -> bool:
     """Remove a log's document if it is not that of the log as it is now; whether it was removed."""
     path = folder.file(log.name)
     try:
-        document = read_document(path, LogDocument, LARGEST_LOG)
+        document = read_json(path, LogResults, LARGEST_LOG)
         kept = document.sha256 in (None, digest(log.path)) and document.log == log.name
-    except JsonError:
+    except DocumentError:
         kept = False
     if not kept:
         path.unlink(missing_ok=True)

@@ -1,8 +1,8 @@
 """Is this version slower than another? Both are timed in turns, A B B A, on this machine, now.
 
 A stored time says nothing, because the load of the machine differs every night; what is common to both versions cancels
-in their ratio. The alarm: the whole 95 % interval (bootstrap over logs) of the geometric mean of new over old lies above
-1.02.
+in their ratio. The alarm: the whole 95 % interval (bootstrap over logs) of the geometric mean of new over old lies
+above 1.02.
 """
 
 import contextlib
@@ -21,10 +21,10 @@ from typing import Self
 import msgspec
 import numpy as np
 
+from replay.base.documents import plain
 from replay.base.errors import ReplayError
 from replay.base.run_folder import TIMING_FILE
-from replay.base.schemas.timing import TimeRatio, TimingDocument
-from replay.base.typed import to_plain
+from replay.base.schemas.timing import TIMING_SCHEMA, TimeRatio, TimingDocument
 from replay.regress.folder import RunFolder, write_document
 from replay.regress.plan import Plan
 from replay.regress.program import SOURCES
@@ -232,6 +232,6 @@ def time_against(
     ]
     with version(name) as other, TimingServer(other) as old, TimingServer(this_version()) as new:
         ratios = measure(old, new, pairs, on_pair)
-    document = TimingDocument(against=name, ratios=ratios, compared=judged(ratios))
-    write_document(folder.path / TIMING_FILE, json.dumps(to_plain(document), indent=1, sort_keys=True))
+    document = TimingDocument(schema=TIMING_SCHEMA, against=name, ratios=ratios, compared=judged(ratios))
+    write_document(folder.path / TIMING_FILE, json.dumps(plain(document), indent=1, sort_keys=True))
     return document

@@ -1,11 +1,12 @@
 """The head of a regression run, schema `replay.run/1`: `run.json` of the run's folder."""
 
-from typing import Final
+from typing import Final, Literal
 
 from msgspec import UNSET, Struct, UnsetType
 
+from replay.base.documents import Whole
 from replay.base.schemas.corpus import Known
-from replay.base.schemas.values import Count, Number, Scalar
+from replay.base.schemas.values import Exact, Scalar
 
 RUN_SCHEMA: Final = "replay.run/1"
 LARGEST_HEAD: Final = 64 * 2**20
@@ -19,20 +20,20 @@ MethodOptions = dict[str, OptionValue] | list[tuple[str, dict[str, OptionValue]]
 class OptionsDocument(Struct, frozen=True, kw_only=True):
     """Everything that decides the figures of a run. What is absent is not known."""
 
-    memory_limit_mib: Count | UnsetType | None = UNSET
+    memory_limit_mib: Whole | UnsetType | None = UNSET
     methods: dict[str, MethodOptions] = {}
     read: dict[str, OptionValue | dict[str, Scalar]] = {}
     """Options of the reader; `vehicle` is a table or null."""
-    seed: Count | UnsetType = UNSET
-    time_limit_s: Number | UnsetType | None = UNSET
-    weights: dict[str, Number] = {}
+    seed: Whole | UnsetType = UNSET
+    time_limit_s: Exact | UnsetType | None = UNSET
+    weights: dict[str, Exact] = {}
 
 
 class CorpusPlace(Struct, frozen=True, kw_only=True):
     """Where the logs of a run are, and how many of them were to be worked on."""
 
     path: str = ""
-    num_logs: Count | None = None
+    num_logs: Whole | None = None
 
 
 class Commands(Struct, frozen=True, kw_only=True):
@@ -44,9 +45,10 @@ class Commands(Struct, frozen=True, kw_only=True):
     """Shows the recordings."""
 
 
-class RunHead(Struct, frozen=True, kw_only=True, tag_field="schema", tag=RUN_SCHEMA):
+class RunHead(Struct, frozen=True, kw_only=True):
     """What a run is to do, with which program, and whether it has come to its end."""
 
+    schema: Literal["replay.run/1"]
     created: str = ""
     """Time of its start in UTC, as 2026-03-14T02:00:00Z."""
     revision: str = ""
