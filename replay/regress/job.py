@@ -171,7 +171,7 @@ def _case(run: Run) -> CaseResult:
 
 def _read(case: Case) -> ReadDocument:
     notes = tuple(note.replace(str(case.log), case.name) for note in case.read.notes)
-    return ReadDocument(**(dataclasses.asdict(case.read) | {"notes": notes}))
+    return ReadDocument(**dataclasses.asdict(dataclasses.replace(case.read, notes=notes)))
 
 
 def _method(run: MethodRun) -> MethodResult:

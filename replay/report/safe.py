@@ -17,7 +17,9 @@ LONGEST_TEXT = 500
 LONGEST_COMMAND = 4000
 """Characters of a command: one that is cut cannot be pasted."""
 _MOST_LINES = 40
-_LONGEST = dict.fromkeys(("reason", "message", "note", "recording_error", "other_options"), LONGEST_TEXT)
+_LONGEST: dict[str, int] = dict.fromkeys(
+    ("reason", "message", "note", "recording_error", "other_options"), LONGEST_TEXT
+)
 _LONGEST |= dict.fromkeys(("accept", "view", "recording"), LONGEST_COMMAND)
 """Characters that the fields of documents may have, by name; others have `LONGEST_NAME`."""
 _T = TypeVar("_T")
