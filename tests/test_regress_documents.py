@@ -33,11 +33,11 @@ def line_of(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
         ('"options": {"seed": HERE}', "options.seed is a number of 401 digits"),
         ('"options": {"weights": {"cusp": HERE}}', "options.weights.cusp"),
         (
-            '{"schema": "replay.run/1", "options": {"methods": {"ddp": {"spacing": HERE}}}}',
+            '"options": {"methods": {"ddp": {"spacing": HERE}}}',
             "options.methods.ddp.spacing",
         ),
         (
-            '{"schema": "replay.run/1", "options": {"methods": {"a+b": [["a", {"x": HERE}]]}}}',
+            '"options": {"methods": {"a+b": [["a", {"x": HERE}]]}}',
             "options.methods.a+b[0][1].x",
         ),
         ('"corpus": {"num_logs": HERE}', "corpus.num_logs"),
