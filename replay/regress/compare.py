@@ -66,7 +66,7 @@ def gone(known: Iterable[Known], found: Sequence[Comparison], *, partial: bool =
             continue
         if logs and not any(issue.covers(each.log, each.method, each.key) for each in shown):
             method = "" if "*" in issue.method else issue.method
-            note = f"the known issue passes; take it out of corpus.toml: {issue.note}".rstrip(": ")
+            note = f"the known issue no longer shows; remove it from corpus.toml: {issue.note}".rstrip(": ")
             passing.append(
                 Comparison(log=logs[0], method=method, key="known issue", after="passes", verdict="better", note=note)
             )
@@ -112,7 +112,7 @@ def _refused(log: LogResults, error: LogFailure, before: LogFigures | None) -> C
 def _other_log(log: LogResults, before: LogFigures | None) -> list[Comparison]:
     """A log whose content changed: its results are not compared, crashes alone are listed."""
     number = sum(len(case.methods) for case in log.cases)
-    note = f"{log.log} is another log than the baseline's: {count(number, 'result')} not compared"
+    note = f"{log.log}: the log file changed since the baseline; {count(number, 'result')} not compared"
     was = _short(before.sha256 if before is not None else None)
     changed = Comparison(log=log.log, key="sha256", before=was, after=_short(log.sha256), verdict="changed", note=note)
     results = _results(log, _NOTHING, whole=False)

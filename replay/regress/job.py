@@ -40,7 +40,7 @@ class Job:
     folder: str
     """Folder of the run."""
     options: Options
-    """With the methods to run on this log."""
+    """Options of the run, with the methods to run on this log."""
     whole: bool = True
     """Whether these are all methods that the corpus wants for it."""
     before: LogFigures | None = None

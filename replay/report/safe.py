@@ -47,7 +47,7 @@ def _field(name: str, value: Any) -> Any:
 
 
 def facts(data: object, prefix: str = "") -> dict[str, str]:
-    """What an object says, at whatever depth, by its keys joined with dots; values as text."""
+    """The values of an object as text, at whatever depth, by their keys joined with dots."""
     found: dict[str, str] = {}
     entries = plain(data)
     for key, value in entries.items() if isinstance(entries, dict) else ():
