@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from types import NoneType
 from typing import Any
 
+from replay.base.documents import plain
 from replay.base.errors import ReplayError
 from replay.base.files import atomic_write
 from replay.base.numbers import count
 from replay.base.strict_json import JsonError, read_json
 from replay.regress.corpus import Corpus
-from replay.run.results import plain
 
 BASELINE_ERROR = "E_BASELINE"
 SCHEMA = "replay.baseline/1"

@@ -27,7 +27,8 @@ def main() -> None:
 
 def _serve(pipe: Connection, time_limit: float, memory_limit: int) -> None:
     from replay.regress.work import work
-    from replay.run.worker import Limits, Workers, limit_memory
+    from replay.run.limits import Limits
+    from replay.run.worker import Workers, limit_memory
 
     limit_memory(memory_limit)
     with Workers(Limits(time_s=time_limit, by_processor=True, memory_mib=memory_limit)) as workers:

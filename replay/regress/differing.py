@@ -4,8 +4,8 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from replay.base.documents import plain
 from replay.regress.baseline import Baseline
-from replay.run.results import plain
 
 _MOST = 5
 """Options that are named."""

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from replay.base.documents import plain
 from replay.base.errors import ReplayError
 from replay.base.files import atomic_write
 from replay.base.numbers import count
@@ -25,7 +26,6 @@ from replay.report.facts import acceptable, is_declared, state
 from replay.report.groups import failing_lines, groups
 from replay.report.model import LogError, RunData
 from replay.report.reading import VERDICTS_SCHEMA
-from replay.run.results import plain
 
 FINISH_ERROR = "E_REPORT"
 _MOST_LINES = 20

@@ -15,8 +15,8 @@ from typing import Any, Literal
 from optim.methods.chain import Chain
 from optim.model.method import Method
 from optim.model.objective import Weights
+from replay.base.versions import DISTRIBUTION, PACKAGES, installed_version
 from replay.logs import ReadOptions
-from replay.run.results import DISTRIBUTION, PACKAGES, installed_version
 
 Recordings = Literal["all", "changed", "none"]
 DIRTY = "-dirty"

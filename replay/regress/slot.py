@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from typing import IO, Any, Self
 
 from replay.regress.work import Job, Outcome, publish_error
-from replay.run.worker import BUSY
+from replay.run.limits import BUSY
 
 START_S = 120.0
 """Time for a process to start and import what it needs [s]."""

@@ -17,11 +17,11 @@ import urllib.parse
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from replay.base.documents import plain
 from replay.base.errors import ReplayError
 from replay.base.files import WRITE_ERROR, atomic_write, sync_directory
 from replay.base.strict_json import JsonError, read_json
 from replay.report.reading import LARGEST_LOG, LOG_SCHEMA, RUN_SCHEMA, log_files
-from replay.run.results import plain
 
 ATTEMPTS = "attempts"
 _LONGEST = 200

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from replay.base.documents import plain
 from replay.base.errors import LogError, ReplayError
 from replay.logs import read_cases
 from replay.regress.compare import Entry, compare_log, worst
@@ -16,7 +17,9 @@ from replay.regress.settings import Settings
 from replay.regress.store import Store, file_stem
 from replay.report.reading import LOG_SCHEMA
 from replay.run.case import Case
-from replay.run.judge import MethodRun, Run, run_case
+from replay.run.judge import run_case
+from replay.run.outcome import MethodRun, Run
+from replay.run.results import audit_document
 from replay.run.solving import SolveEach
 
 Tell = Callable[[str], None]
@@ -143,7 +146,7 @@ def _outline(job: Job) -> dict[str, Any]:
 
 
 def _case(run: Run) -> dict[str, Any]:
-    recorded = {"metrics": dataclasses.asdict(run.recorded_metrics), "audit": run.recorded_audit.to_dict()}
+    recorded = {"metrics": dataclasses.asdict(run.recorded_metrics), "audit": plain(audit_document(run.recorded_audit))}
     return {
         "case": run.case.name,
         "recorded": recorded,
@@ -161,8 +164,8 @@ def _method(run: MethodRun) -> dict[str, Any]:
     fields = ("name", "status", "stop", "reason", "wall_s")
     counters = {"iterations": run.iterations, "evaluations": len(run.history)}
     found = {key: getattr(run, key) for key in fields} | {"work": counters}
-    found |= {"metrics": dataclasses.asdict(run.metrics), "audit": run.audit.to_dict()}
-    found |= {"rejected": None if run.rejected is None else run.rejected.to_dict()}
+    found |= {"metrics": dataclasses.asdict(run.metrics), "audit": plain(audit_document(run.audit))}
+    found |= {"rejected": None if run.rejected is None else plain(audit_document(run.rejected))}
     return found | {"traceback": run.traceback} if run.traceback else found
 
 
