@@ -18,7 +18,7 @@ from replay.base.kernels import drop_stale
 from replay.logs.container.records import Limits, Log
 from replay.logs.container.scan import scan
 from replay.run.case import Case
-from replay.run.judge import Run
+from replay.run.outcome import Run
 
 drop_stale()
 settings.register_profile("replay", deadline=None, derandomize=True)  # the same examples on every machine

@@ -17,7 +17,7 @@ from optim.planning.hybrid import HybridAStar, way_round
 from optim.planning.protocol import Planner, Task
 from optim.planning.rrt import Search
 from optim.steering.flat import Flat
-from replay.run.results import path_to_document, scene_to_document
+from replay.run.plain import path_to_document, scene_to_document
 from tools.corpus.site import Area, Wall
 
 VEHICLE = Vehicle()

@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection
 from typing import IO, Any, Self
 
 from replay.regress.job import Job, Outcome, publish_error
-from replay.run.worker import BUSY, NO_LIMITS, Limits
+from replay.run.limits import BUSY, NO_LIMITS, Limits
 
 START_S = 120.0
 """Time for a worker to start and import what it needs [s]."""
@@ -105,7 +105,7 @@ class Supervisor:
         self.end()
         self._limits, self._jobs = limits, 0
         pipe = self._pipe = self._start()
-        pipe.send_bytes(pickle.dumps((sys.path, pickle.dumps(limits))))  # limits need this path to be unpacked
+        pipe.send_bytes(pickle.dumps((sys.path, limits)))
         self._next(pipe, "starting", START_S)
         return pipe
 

@@ -13,6 +13,8 @@ import sys
 import threading
 from multiprocessing.connection import Connection
 
+from replay.run.limits import Limits
+
 
 def main() -> None:
     """Serve until the socket closes. Arguments: file descriptors of the socket and of the pipe."""
@@ -26,11 +28,10 @@ def main() -> None:
         _serve(pipe, limits)
 
 
-def _serve(pipe: Connection, packed_limits: bytes) -> None:
-    from replay.regress.job import run_job
-    from replay.run.worker import Limits, Workers, limit_memory
+def _serve(pipe: Connection, limits: Limits) -> None:
+    from replay.regress.job import run_job  # with the path of the supervisor
+    from replay.run.worker import Workers, limit_memory
 
-    limits: Limits = pickle.loads(packed_limits)
     limit_memory(limits.memory_mib)
     with Workers(limits) as workers:
         pipe.send(("ready", None))
