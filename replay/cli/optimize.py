@@ -8,9 +8,10 @@ from cyclopts import Group, Parameter
 
 from optim.methods import METHODS
 from optim.model.objective import Weights
+from replay.base.errors import UsageError
 from replay.base.schemas.results import ResultsDocument
 from replay.cli.console import Common, Voice
-from replay.cli.options import UsageError, flag_class, flags_of, options_of
+from replay.cli.options import flag_class, flags_of, options_of
 from replay.cli.outputs import Outputs
 from replay.cli.reading import Reading
 from replay.cli.session import Origin, Session
