@@ -10,13 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from optim.model.kinematics import LARGEST_STEP, roll_out, roll_out_kernel
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
+from optim.numerics.frame import data_frame
 from optim.numerics.kernel import kernel
 
 LENGTH_TOLERANCE = 1e-9
@@ -101,6 +102,20 @@ class Path:
     def __post_init__(self) -> None:
         if not self.segments:
             raise ValueError("path: no segments")
+
+    def __repr__(self) -> str:
+        gears = " ".join(f"{segment.direction * segment.length:+.2f} m" for segment in self.segments)
+        return f"Path({gears}; {sum(segment.num_samples for segment in self.segments)} samples)"
+
+    def to_dataframe(self) -> Any:
+        """All samples as rows, SI units; `s` counts from the start of the path.
+
+        A DataFrame of pandas, else of polars. Raises ImportError where neither is installed.
+        """
+        samples = self.samples
+        columns = dict(zip(("x", "y", "theta", "alpha"), samples.states.T, strict=True))
+        whole = {"segment": samples.segment, "direction": samples.direction, "s": samples.s}
+        return data_frame(whole | columns | {"phi": samples.phi})
 
     @cached_property
     def samples(self) -> Samples:

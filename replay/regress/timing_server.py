@@ -10,11 +10,24 @@ import os
 import sys
 import time
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
+for name in (
+    "OMP_NUM",
+    "OPENBLAS_NUM",
+    "MKL_NUM",
+    "BLIS_NUM",
+    "VECLIB_MAXIMUM",
+    "NUMEXPR_NUM",
+    "NUMBA_NUM",
+    "RAYON_NUM",
+):
+    os.environ[f"{name}_THREADS"] = "1"
 
 from optim.methods import METHODS  # noqa: E402 - after the threads have been settled
-from replay.logs import read_cases  # noqa: E402
+
+try:
+    from replay.pipeline import read
+except ImportError:  # a version from before the pipeline
+    from replay.logs import read_cases as read
 
 
 def main() -> None:
@@ -26,7 +39,7 @@ def main() -> None:
         request = json.loads(line)
         try:
             if request["log"] != last:
-                last, cases = request["log"], read_cases(request["log"])
+                last, cases = request["log"], read(request["log"])
             answer = {"seconds": [_seconds(_method(request["method"]), case.problem) for case in cases]}
         except Exception as error:  # a border: the other version may fail as it likes
             answer = {"error": f"{type(error).__name__}: {' '.join(str(error).split())}"}
