@@ -1,8 +1,7 @@
-"""Times methods of whatever version of the program it is run with: a program of its own, started by its path.
+"""A program that times methods of the version of the project that it is run with; it is started by its path.
 
 Each line of standard input is a request, {"log": path, "method": name}; each line of standard output the answer,
-{"seconds": one number for each case} or {"error": one line}. It uses nothing but what every
-version has.
+{"seconds": one number for each case} or {"error": one line}. It uses nothing but what every version has.
 """
 
 import json
@@ -10,17 +9,9 @@ import os
 import sys
 import time
 
-for name in (
-    "OMP_NUM",
-    "OPENBLAS_NUM",
-    "MKL_NUM",
-    "BLIS_NUM",
-    "VECLIB_MAXIMUM",
-    "NUMEXPR_NUM",
-    "NUMBA_NUM",
-    "RAYON_NUM",
-):
-    os.environ[f"{name}_THREADS"] = "1"
+for name in ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMEXPR", "NUMBA", "RAYON"):
+    os.environ[f"{name}_NUM_THREADS"] = "1"
+os.environ["VECLIB_MAXIMUM_THREADS"] = "1"
 
 from optim.methods import METHODS  # noqa: E402 - after the threads have been settled
 
