@@ -20,7 +20,7 @@ from replay.cli.optimize import MethodFlags, WeightFlags
 from replay.cli.options import UsageError, WholeNumber
 from replay.cli.reading import Reading
 from replay.cli.regress_plan import check_flags, settings_of
-from replay.cli.settings import RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags, method_names
+from replay.cli.settings import RUN, Layer, layer_of_file, layer_of_flags, method_names
 from replay.cli.usage import ExitStatus, reflowed
 from replay.regress.acceptance import Wanted, accepted
 from replay.regress.baseline import (
@@ -80,7 +80,6 @@ def run(
     time_limit: float = 120.0,
     memory_limit: WholeNumber = 4096,
     config: pathlib.Path | None = None,
-    set_: Annotated[list[str] | None, Parameter(name="--set", negative=())] = None,
     shuffle: WholeNumber | None = None,
     common: Annotated[Common | None, _FLAT] = None,
     reading: Annotated[Reading | None, _FLAT] = None,
@@ -125,8 +124,6 @@ def run(
         Memory that the process of a log, and that of its methods, may use [MiB].
     config
         TOML file with options, as for `replay optimize`.
-    set_
-        One option as GROUP.OPTION=VALUE, as for `replay optimize`; may be given several times.
     shuffle
         Work on the logs in the random order of this seed. Results do not depend on it.
     """
@@ -138,7 +135,7 @@ def run(
     limits: Layer = {RUN: {"time_limit": time_limit, "memory_limit": memory_limit}}
     given: Layer = {RUN: ({"method": tuple(method)} if method else {}) | ({} if seed is None else {"seed": seed})}
     layers = [limits] + ([] if config is None else [layer_of_file(config)])
-    layers += [layer_of_assignments(set_ or ()), given, layer_of_flags(None, reading, weights, options)]
+    layers += [given, layer_of_flags(None, reading, weights, options)]
     settings, named = settings_of(layers, found, recordings)
     logs, partial = select(found, named, tag or (), only or ())
     compared_with = default_baseline(baseline, found.baseline)
