@@ -12,7 +12,7 @@ from mcap.writer import CompressionType
 from mcap_bytes import DEFINITIONS, channel, chunk, codes, container, message, record, schema, some_log, text
 
 from replay.base.errors import LogError
-from replay.logs.container.records import Channel, Limits, Log
+from replay.logs.container.log import Channel, Log, ReadLimits
 
 
 def every(_: Channel) -> bool:
@@ -159,13 +159,13 @@ def test_attachments_are_checked_and_never_unpacked(scanned: Callable[..., Log])
 def test_limits_end_the_reading_before_memory_does(scanned: Callable[..., Log]) -> None:
     data = container(chunk(DEFINITIONS + message()), chunk(message()), chunk(message()))
     one = len(DEFINITIONS + message())
-    log = scanned(data, Limits(total=one + len(message())))
+    log = scanned(data, ReadLimits(total=one + len(message())))
     assert (log.counts, codes(log)) == ({1: 2}, {"W_TOTAL_TOO_LARGE"})
-    log = scanned(data, Limits(records=4))
+    log = scanned(data, ReadLimits(records=4))
     assert codes(log) >= {"W_TOTAL_TOO_LARGE"}
-    log = scanned(data, Limits(record=80))
+    log = scanned(data, ReadLimits(record=80))
     assert codes(log) >= {"W_RECORD_TOO_LARGE"}
-    for limits, code in ((Limits(kept=40), "E_TOO_LARGE"), (Limits(channels=0), "E_TOO_MANY_CHANNELS")):
+    for limits, code in ((ReadLimits(kept=40), "E_TOO_LARGE"), (ReadLimits(channels=0), "E_TOO_MANY_CHANNELS")):
         with pytest.raises(LogError) as caught:
             scanned(data, limits)
         assert caught.value.code == code

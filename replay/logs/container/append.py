@@ -14,7 +14,8 @@ from typing import BinaryIO, Final
 from replay.base.errors import LogError
 from replay.logs.container import records as r
 from replay.logs.container.compression import BadChunk, unpack_chunk
-from replay.logs.container.records import Cursor, Limits, Log, Malformed
+from replay.logs.container.log import Log, ReadLimits
+from replay.logs.container.records import Cursor, Malformed
 
 _LARGEST_ID: Final = 65535
 _BLOCK: Final = 1 << 20
@@ -188,7 +189,7 @@ def _define(index: _Index, opcode: int, body: bytes) -> None:
 
 def _definitions_within(source: BinaryIO, at: int, length: int, index: _Index) -> None:
     source.seek(at + r.RECORD_PREFIX.size)
-    limits = Limits()
+    limits = ReadLimits()
     data, _, _ = unpack_chunk(_exactly(source, length), limits.chunk, limits.total)
     position = 0
     while position < len(data):

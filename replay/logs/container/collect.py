@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from replay.base.errors import LogError, printable
 from replay.logs.container import records as r
-from replay.logs.container.definitions import Definitions
-from replay.logs.container.findings import Findings
-from replay.logs.container.records import Channel, Cursor, Limits, Malformed, Message, Metadata
+from replay.logs.container.channels import ChannelTable
+from replay.logs.container.log import Channel, Findings, Message, Metadata, ReadLimits
+from replay.logs.container.records import Cursor, Malformed
 
 
 class _Loose(NamedTuple):
@@ -23,11 +23,11 @@ class _Loose(NamedTuple):
 class Collector:
     """Takes the records one by one, in the order of the file."""
 
-    def __init__(self, path: Path, wanted: Callable[[Channel], bool], limits: Limits, findings: Findings) -> None:
+    def __init__(self, path: Path, wanted: Callable[[Channel], bool], limits: ReadLimits, findings: Findings) -> None:
         self.path = path
         self.limits = limits
         self.findings = findings
-        self.definitions = Definitions(path, limits.channels)
+        self.table = ChannelTable(path, limits.channels)
         self.counts: Counter[int] = Counter()
         self.messages: list[Message] = []
         self.metadata: list[Metadata] = []
@@ -43,7 +43,7 @@ class Collector:
     def add(self, opcode: int, cursor: Cursor, *, in_chunk: bool = False) -> None:
         """A Schema, Channel, Message, or else a Metadata record. Raises Malformed, LogError."""
         if opcode == r.SCHEMA:
-            self.definitions.add_schema(cursor, in_chunk)
+            self.table.add_schema(cursor, in_chunk)
         elif opcode == r.CHANNEL:
             self._add_channel(cursor, in_chunk)
         elif opcode == r.MESSAGE:
@@ -59,7 +59,7 @@ class Collector:
         self.metadata.append(Metadata(name, values, duplicates))
 
     def _add_channel(self, cursor: Cursor, in_chunk: bool) -> None:
-        channel = self.definitions.add_channel(cursor, in_chunk)
+        channel = self.table.add_channel(cursor, in_chunk)
         if channel is None:
             return
         self._is_wanted[channel.id] = self._wanted(channel)
@@ -80,7 +80,7 @@ class Collector:
             self._loose.append(_Loose(channel, log_time, data))
 
     def _known_channel(self, channel_id: int) -> Channel | None:
-        channel = self.definitions.by_id.get(channel_id)
+        channel = self.table.by_id.get(channel_id)
         if channel is None and channel_id not in self._orphans:
             self._orphans.add(channel_id)
             text = f"messages refer to channel {channel_id}, which is not defined"
@@ -125,7 +125,7 @@ class Collector:
         else:
             self._count_bytes(stop - start)
             payload = data[start + r.MESSAGE_PREFIX.size : stop]
-            self._keep(self.definitions.by_id[channel_id], log_time, payload)
+            self._keep(self.table.by_id[channel_id], log_time, payload)
 
     def _add_other(self, opcode: int, data: bytes, start: int, stop: int, number: int) -> None:
         try:
@@ -171,7 +171,7 @@ class Collector:
 
     def _drop_loose_channels(self) -> None:
         """Messages whose topic or type stands outside chunks, where something is wrong."""
-        suspects = [self.definitions.by_id[i] for i in sorted(self.definitions.outside_chunks)]
+        suspects = [self.table.by_id[i] for i in sorted(self.table.outside_chunks)]
         dropped = [channel for channel in suspects if self.counts.pop(channel.id, 0)]
         if dropped:
             ids = {channel.id for channel in dropped}

@@ -5,7 +5,8 @@ import zlib
 import lz4.frame
 import zstandard
 
-from replay.logs.container.records import MIB, Cursor
+from replay.logs.container.log import MIB
+from replay.logs.container.records import Cursor
 
 ZSTD_WINDOW = 128 * MIB  # largest back-reference window that a decoder may allocate [bytes]
 

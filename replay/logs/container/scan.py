@@ -19,15 +19,15 @@ from replay.base.errors import LogError
 from replay.logs.container import records as r
 from replay.logs.container.collect import Collector
 from replay.logs.container.compression import BadChunk, unpack_chunk
-from replay.logs.container.findings import Findings
-from replay.logs.container.records import Channel, Cursor, Limits, Log, Malformed
+from replay.logs.container.log import Channel, Findings, Log, ReadLimits
+from replay.logs.container.records import Cursor, Malformed
 from replay.logs.container.source import Cut, Source
 from replay.logs.container.summary import Summary, read_attachment
 
 _HELD = {r.HEADER, r.SCHEMA, r.CHANNEL, r.MESSAGE, r.CHUNK, r.METADATA, r.DATA_END}
 
 
-def scan(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], limits: Limits | None = None) -> Log:
+def scan(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], limits: ReadLimits | None = None) -> Log:
     """Read a whole log and keep the messages of wanted channels.
 
     Raises:
@@ -35,17 +35,17 @@ def scan(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], limits
             a schema or channel is redefined; too many channels; more wanted payload than the limit.
     """
     with Source(Path(path)) as source:
-        return _Scan(source, wanted, limits or Limits()).run()
+        return _Scan(source, wanted, limits or ReadLimits()).run()
 
 
 class _Scan:
     """The state of one reading; used once."""
 
-    def __init__(self, source: Source, wanted: Callable[[Channel], bool], limits: Limits) -> None:
+    def __init__(self, source: Source, wanted: Callable[[Channel], bool], limits: ReadLimits) -> None:
         self.source = source
         self.limits = limits
         self.findings = Findings()
-        self.content = Collector(source.path, wanted, limits, self.findings)
+        self.collected = Collector(source.path, wanted, limits, self.findings)
         self.summary = Summary()
         self.header: tuple[str, str] | None = None
         self.unpacked_bytes = 0
@@ -54,7 +54,7 @@ class _Scan:
 
     def run(self) -> Log:
         """Read the file from end to end."""
-        source, content = self.source, self.content
+        source, collected = self.source, self.collected
         source.check_magic()
         try:
             self._data_section()
@@ -64,8 +64,8 @@ class _Scan:
             self._found_cut()
         sha256 = source.finish()
         in_the_middle = not self.data_ended and self._has_last_bytes()
-        content.settle(verified=self.data_crc_holds, doubtful=bool(self.summary.chunks) or in_the_middle)
-        if self.cut and not content.counts:
+        collected.settle(verified=self.data_crc_holds, doubtful=bool(self.summary.chunks) or in_the_middle)
+        if self.cut and not collected.counts:
             raise LogError("E_TRUNCATED", source.path, "the file is cut off before its first complete message")
         self._compare_with_summary()
         profile, library = self.header or ("", "")
@@ -75,10 +75,10 @@ class _Scan:
             size=source.size,
             profile=profile,
             library=library,
-            channels=content.definitions.channels,
-            counts=dict(content.counts),
-            messages=tuple(sorted(content.messages, key=lambda message: message.log_time)),
-            metadata=tuple(content.metadata),
+            channels=collected.table.channels,
+            counts=dict(collected.counts),
+            messages=tuple(sorted(collected.messages, key=lambda message: message.log_time)),
+            metadata=tuple(collected.metadata),
             findings=self.findings.all(),
         )
 
@@ -97,8 +97,8 @@ class _Scan:
     def _data_section(self) -> None:
         while not self.data_ended:
             at, crc = self.source.position, self.source.crc
-            self.content.num_records += 1
-            if self.content.num_records > self.limits.records:
+            self.collected.num_records += 1
+            if self.collected.num_records > self.limits.records:
                 self.findings.add("W_TOTAL_TOO_LARGE", "more records than the limit; the rest is not read", lost=True)
                 return
             opcode, length = r.RECORD_PREFIX.unpack(self.source.read(r.RECORD_PREFIX.size))
@@ -149,7 +149,7 @@ class _Scan:
         elif opcode == r.HEADER:
             self._header(Cursor(body))
         else:
-            self.content.add(opcode, Cursor(body))
+            self.collected.add(opcode, Cursor(body))
 
     def _attachment(self, length: int, at: int) -> None:
         attachment = read_attachment(self.source, length)
@@ -167,7 +167,7 @@ class _Scan:
             left = self.limits.total - self.unpacked_bytes
             data, *times = unpack_chunk(body, self.limits.chunk, left)
             self.unpacked_bytes += len(data)
-            self.content.add_chunk(data, number)
+            self.collected.add_chunk(data, number)
             start, end = times
         except (BadChunk, Malformed) as error:
             code = error.code if isinstance(error, BadChunk) else "W_CORRUPT_RECORD"
@@ -186,7 +186,7 @@ class _Scan:
         if self.header is not None:
             self.findings.add("W_DUPLICATE_HEADER", "a second Header; the first one counts")
             return
-        if self.content.num_records > 1:
+        if self.collected.num_records > 1:
             self.findings.add("W_NO_HEADER", "the Header is not the first record")
         self.header = cursor.text("profile"), cursor.text("library")
 
@@ -230,6 +230,6 @@ class _Scan:
         if self.header is None:
             self.findings.add("W_NO_HEADER", "the log has no Header")
         if self.data_ended and not self.cut:
-            num_messages = sum(self.content.counts.values())
-            for code, text in self.summary.contradictions(self.content.definitions, num_messages):
+            num_messages = sum(self.collected.counts.values())
+            for code, text in self.summary.contradictions(self.collected.table, num_messages):
                 self.findings.add(code, text)

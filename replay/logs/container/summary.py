@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from replay.logs.container import records as r
-from replay.logs.container.definitions import Definitions, read_channel, read_schema
-from replay.logs.container.records import Cursor, Malformed, Schema
+from replay.logs.container.channels import ChannelTable, read_channel, read_schema
+from replay.logs.container.log import MIB, Schema
+from replay.logs.container.records import Cursor, Malformed
 from replay.logs.container.source import Source
 
 _NAME_CHARACTERS = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-")
@@ -22,7 +23,7 @@ class Attachment(NamedTuple):
 
 def read_attachment(source: Source, length: int) -> Attachment:
     """Read past an Attachment record of `length` bytes and check its checksum. Raises Malformed."""
-    head = source.read(min(length, r.MIB))
+    head = source.read(min(length, MIB))
     try:
         cursor = Cursor(head)
         cursor.take(16, "times")
@@ -39,7 +40,7 @@ def read_attachment(source: Source, length: int) -> Attachment:
     at = len(head)
     tail = head[body : body + 4]
     while at < length:
-        part = source.read(min(length - at, r.MIB))
+        part = source.read(min(length - at, MIB))
         crc = zlib.crc32(part[: max(0, body - at)], crc)
         tail += part[max(0, body - at) : max(0, body + 4 - at)]
         at += len(part)
@@ -92,28 +93,28 @@ class Summary:
         if start != (self.start if self._num_records else 0):
             yield "W_INDEX", f"the Footer says that the summary begins at byte {start}, it begins at {self.start}"
 
-    def contradictions(self, definitions: Definitions, num_messages: int) -> Iterator[tuple[str, str]]:
+    def contradictions(self, table: ChannelTable, num_messages: int) -> Iterator[tuple[str, str]]:
         """Code and text of each claim that the data section does not bear out."""
         if self._chunk_indexes:
-            yield from (("W_INDEX", text) for text in self._index_errors(definitions))
+            yield from (("W_INDEX", text) for text in self._index_errors(table))
         if self._attachment_indexes and sorted(self._attachment_indexes) != self.attachments:
             count = len(self._attachment_indexes)
             yield "W_INDEX", f"the index names {count} attachments, {len(self.attachments)} are there"
         if self._statistics not in (None, num_messages):
             yield "W_STATISTICS", f"the log counts {self._statistics} messages, {num_messages} were read"
         for i, (topic, encoding) in self._channels.items():
-            known = definitions.by_id.get(i)
+            known = table.by_id.get(i)
             if known is not None and (known.topic, known.encoding) != (topic, encoding):
                 yield "W_CONFLICT", f"the summary calls topic {known.topic!r} {topic!r}; the data counts"
-        if any(definitions.schemas.get(i, schema) != schema for i, schema in self._schemas.items()):
+        if any(table.schemas.get(i, schema) != schema for i, schema in self._schemas.items()):
             yield "W_CONFLICT", "the summary defines a schema otherwise than the data; the data counts"
 
-    def _index_errors(self, definitions: Definitions) -> Iterator[str]:
+    def _index_errors(self, table: ChannelTable) -> Iterator[str]:
         indexed = sorted(self._chunk_indexes)
         if [offset for offset, _, _ in indexed] != [offset for offset, _, _ in self.chunks]:
             yield f"the index names {len(indexed)} chunks, the data holds {len(self.chunks)} or others"
         elif any(b[1] is not None and a != b for a, b in zip(indexed, self.chunks, strict=True)):
             yield "the index gives wrong times for a chunk"
-        missing = set(definitions.by_id) - set(self._channels)  # it may list channels that have no messages
+        missing = set(table.by_id) - set(self._channels)  # it may list channels that have no messages
         if missing:
-            yield f"the summary lacks {len(missing)} of {len(definitions.by_id)} channels"
+            yield f"the summary lacks {len(missing)} of {len(table.by_id)} channels"

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from replay.base.errors import LogError
-from replay.logs.container.records import Channel, Cursor, Malformed, Schema
+from replay.logs.container.log import Channel, Schema
+from replay.logs.container.records import Cursor, Malformed
 
 _QOS = "offered_qos_profiles"  # the key of a channel's metadata under which rosbag2 keeps them
 
@@ -14,7 +15,7 @@ def normalised(name: str) -> str:
     return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name
 
 
-class Definitions:
+class ChannelTable:
     """What Schema and Channel records of the data section have defined so far."""
 
     def __init__(self, path: Path, limit: int) -> None:
