@@ -77,6 +77,11 @@ class Vehicle:
         return self.wheelbase, self.hitch_to_axle, self.hitch_offset
 
     @property
+    def motion_limits(self) -> tuple[float, float, float, float, float]:
+        """(l, l_t, M, max_steer, max_steer_rate), which bound the motion between samples, as the kernels take them."""
+        return (*self.kinematics, self.max_steer, self.max_steer_rate)
+
+    @property
     def max_kappa(self) -> float:
         """Largest curvature of the trailer's path, tan(max_hitch) / l_t [1/m]."""
         return math.tan(self.max_hitch) / self.hitch_to_axle

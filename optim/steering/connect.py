@@ -68,7 +68,7 @@ class Connection:
     def _flat(self, spacing: float) -> tuple[float, Array]:
         """(truck's distance, flat states (n, 5)) in the order of travel forwards, in the frame of its first state."""
         first, last = (self.start, self.end) if self.direction > 0 else (self.end, self.start)
-        ends, lim = _local(first, last), limits(self.vehicle)
+        ends, lim = local_ends(first, last), limits(self.vehicle)
         if self.kind == "turns":
             return sample_turns(self.curve, *ends, float(spacing), lim)
         return sample_bezier(*ends, float(self.curve[0]), float(self.curve[1]), float(spacing), lim)
@@ -115,7 +115,7 @@ class Connection:
         return segment_from_states(self.direction, *self.sample(spacing))
 
 
-def _local(first: Flat, last: Flat) -> tuple[Array, Array]:
+def local_ends(first: Flat, last: Flat) -> tuple[Array, Array]:
     """(k0, s0) and (x, y, theta, k1, s1) in the frame of the first state, theta in [-pi, pi]."""
     dx, dy = last.x - first.x, last.y - first.y
     cos, sin = math.cos(first.theta), math.sin(first.theta)
@@ -135,7 +135,7 @@ def connections(
     """
     lim = limits(vehicle)
     first, last = (start, end) if direction > 0 else (end, start)
-    ends = _local(first, last)
+    ends = local_ends(first, last)
     if math.hypot(ends[1][0], ends[1][1]) > max_length:
         return []
     found = [
