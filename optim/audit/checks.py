@@ -1,7 +1,7 @@
 """The independent check of a path: plain data in (as in `replay.results/1`), named checks with numbers out.
 
 It shares nothing with the methods: own integrator, own footprints, own objective, and `shapely` for distances
-(`audit_motion` has the bound for what happens between samples, and its proof). It never raises for what a
+(`optim.audit.motion` has the bound for what happens between samples, and its proof). It never raises for what a
 document holds: what is missing, of the wrong type or not a number is rejected by a check that says so. Where
 that leaves other checks without sense they are absent, and the report is not complete and has not passed.
 

@@ -41,7 +41,11 @@ class DistanceField:
 def sample_field(
     packed: PackedScene, polygons: Sequence[Array], resolution: float, bounds: tuple[float, float, float, float]
 ) -> DistanceField:
-    """The distance field of obstacles over bounds = (x_min, y_min, x_max, y_max) [m]; see `optim.model.scene`."""
+    """The distance field of obstacles over bounds = (x_min, y_min, x_max, y_max) [m].
+
+    The last row and column of nodes, `resolution` [m] apart, may lie beyond the bounds. Raises ValueError for a
+    resolution or bounds that make no grid.
+    """
     x_min, y_min, x_max, y_max = (float(bound) for bound in bounds)
     if not (resolution > 0.0 and x_max > x_min and y_max > y_min and np.isfinite(bounds).all()):
         raise ValueError(

@@ -104,7 +104,7 @@ class Path:
 
     @cached_property
     def samples(self) -> Samples:
-        """Those of all segments in a row."""
+        """The samples of all segments in a row."""
         lengths = [segment.length for segment in self.segments]
         starts = np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
         counts = [segment.num_samples for segment in self.segments]

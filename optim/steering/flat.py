@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from optim.model.flat_map import require_flat
 from optim.model.vehicle import Vehicle
 from optim.numerics.kernel import kernel
 
@@ -57,9 +58,8 @@ def limits(vehicle: Vehicle) -> Limits:
 
     Raises ValueError for a hitch that is not over the rear axle: such a vehicle is not flat.
     """
-    l, l_t, offset = vehicle.kinematics
-    if offset != 0.0:
-        raise ValueError(f"vehicle: hitch_offset is {offset:g} m; exact steering needs 0 (hitch over the rear axle)")
+    require_flat(vehicle)
+    l, l_t, _ = vehicle.kinematics
     bounds = vehicle.max_kappa, math.tan(vehicle.max_steer), vehicle.max_steer_rate
     return l, l_t, *bounds, hold_curvature((l, l_t, *bounds, 0.0))
 

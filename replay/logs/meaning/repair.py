@@ -12,7 +12,8 @@ import numpy as np
 
 from optim.fit.poses import Fit, fit_path
 from optim.fit.system import Bounds, FitOptions
-from optim.model.problem import path_clearance, within_limits
+from optim.model.limits import within_limits
+from optim.model.problem import path_clearance
 from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array
