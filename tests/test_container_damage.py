@@ -71,6 +71,22 @@ def test_a_record_that_does_not_fit_its_fields_is_skipped_and_the_next_one_is_re
     assert codes(log) == {"W_CORRUPT_RECORD"}
 
 
+def test_a_map_whose_last_string_goes_past_its_end_is_no_map(scanned: Callable[..., Log]) -> None:
+    pair = text("key") + text("value")
+    sound = record(12, text("a") + struct.pack("<I", len(pair)) + pair)
+    short = record(12, text("b") + struct.pack("<I", len(pair) - 2) + pair)
+    log = scanned(container(DEFINITIONS, message(), sound, short))
+    assert [each.name for each in log.metadata] == ["a"]
+    assert codes(log) == {"W_CORRUPT_RECORD"}
+
+
+def test_the_first_value_of_a_repeated_key_counts_and_the_key_is_named(scanned: Callable[..., Log]) -> None:
+    pairs = text("key") + text("first") + text("key") + text("second")
+    log = scanned(container(DEFINITIONS, message(), record(12, text("a") + struct.pack("<I", len(pairs)) + pairs)))
+    assert [(dict(each.values), each.duplicates) for each in log.metadata] == [({"key": "first"}, ("key",))]
+    assert codes(log) == {"W_METADATA"}
+
+
 @pytest.mark.parametrize("length", [1 << 63, (1 << 64) - 1, 5 << 30, 1000])
 def test_a_length_beyond_the_file_ends_the_reading_with_a_report(scanned: Callable[..., Log], length: int) -> None:
     log = scanned(container(chunk(DEFINITIONS + message()), record(0x7D, b"tiny", length)))

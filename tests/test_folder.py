@@ -216,7 +216,8 @@ def test_channels_without_a_schema_or_without_messages_are_told(tmp_path: pathli
         writer.add_message(plain, log_time=1, publish_time=1, data=b"{}")
         writer.register_channel("/path", "cdr", writer.register_schema(make.PATH, "ros2msg", b""))
         writer.finish()
-    assert [use.text for use in uses(open_log(file, everything))] == ["not read: no schema", "no messages"]
+    log = open_log(file, everything)
+    assert [use.text for use in uses(log, topics_of(log))] == ["not read: no schema", "no messages"]
 
 
 def test_real_messages_in_an_encoding_of_their_own_are_told() -> None:

@@ -1,86 +1,140 @@
-"""The plain data of an MCAP file, and a cursor that reads the fields of one record.
+"""Records of an MCAP file; the only module that uses the `mcap` package.
 
-Everything here is bounded: a length that the file states is compared with the bytes that are there
-before anything is allocated.
+`mcap.records` parses the bodies, through a stream that cannot read past the end of its record: every length that the
+file states is compared with the bytes that are there before anything is allocated. Its readers of whole files are not
+used: they trust the index, skip unknown records and decompress without a limit.
 """
 
+import io
 import struct
-from typing import Final
+from typing import Final, Protocol, TypeVar
 
-MAGIC: Final = b"\x89MCAP0\r\n"
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = range(1, 7)
-MESSAGE_INDEX, CHUNK_INDEX, ATTACHMENT, ATTACHMENT_INDEX = range(7, 11)
-STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = range(11, 16)
-RECORD_NAMES: Final = (
-    "zero", "Header", "Footer", "Schema", "Channel", "Message", "Chunk", "Message Index", "Chunk Index",
-    "Attachment", "Attachment Index", "Statistics", "Metadata", "Metadata Index", "Summary Offset", "Data End",
-)  # fmt: skip
+__all__ = [
+    "MAGIC",
+    "MESSAGE_PREFIX",
+    "RECORD_PREFIX",
+    "AttachmentIndex",
+    "Channel",
+    "Chunk",
+    "ChunkIndex",
+    "CompressionType",
+    "DataEnd",
+    "Footer",
+    "Header",
+    "Malformed",
+    "McapRecord",
+    "Message",
+    "MessageIndex",
+    "Metadata",
+    "MetadataIndex",
+    "Opcode",
+    "RecordBuilder",
+    "RecordStream",
+    "Schema",
+    "Statistics",
+    "SummaryOffset",
+    "Writer",
+    "parsed",
+    "record_name",
+]
 
+MAGIC: Final = MCAP0_MAGIC
+RECORD_PREFIX: Final = struct.Struct("<BQ")  # opcode, length of the body
+MESSAGE_PREFIX: Final = struct.Struct("<HIQQ")  # channel, sequence number, log time, publish time
+_NAMES: Final = {int(opcode): opcode.name.replace("_", " ").title() for opcode in Opcode}
 
-def record_name(opcode: int) -> str:
-    """The format's word for a record, or its number."""
-    return RECORD_NAMES[opcode] if opcode < len(RECORD_NAMES) else f"0x{opcode:02x}"
+Record = TypeVar("Record", covariant=True)
 
 
 class Malformed(ValueError):
     """The fields of a record do not fit into the record."""
 
 
-class Cursor:
-    """Reads the fields of one record's body, front to back, never past its end."""
+def record_name(opcode: int) -> str:
+    """Name of a record in the specification, or its opcode."""
+    return _NAMES.get(opcode, f"0x{opcode:02x}")
 
-    __slots__ = ("data", "end", "pos")
+
+class RecordStream(ReadDataStream):
+    """The fields of one record's body, ``data[start:end]``, front to back; raises Malformed at its end."""
 
     def __init__(self, data: bytes, start: int = 0, end: int | None = None) -> None:
+        super().__init__(io.BytesIO())
         self.data = data
-        self.pos = start
-        self.end = len(data) if end is None else end
+        self.position = start
+        self._end = len(data) if end is None else end
+        self._strings: list[tuple[str, int]] = []
+        """Each string that was read, and the position after it."""
 
-    def take(self, count: int, what: str) -> bytes:
-        """The next `count` bytes."""
-        if count > self.end - self.pos:
-            raise Malformed(f"{what} claims {count} bytes, {self.end - self.pos} are left in its record")
-        start, self.pos = self.pos, self.pos + count
-        return self.data[start : self.pos]
+    @property
+    def count(self) -> int:
+        """Position in `data`; `mcap.records` compares it with the end of a map."""
+        return self.position
 
-    def u16(self, what: str) -> int:
-        """The next unsigned 16-bit integer."""
-        return int.from_bytes(self.take(2, what), "little")
+    def read(self, length: int) -> bytes:
+        """The next `length` bytes."""
+        if length > self._end - self.position:
+            raise Malformed(f"a field claims {length} bytes, {self._end - self.position} are left in its record")
+        start, self.position = self.position, self.position + length
+        return self.data[start : self.position]
 
-    def u32(self, what: str) -> int:
-        """The next unsigned 32-bit integer."""
-        return int.from_bytes(self.take(4, what), "little")
+    def rest(self) -> bytes:
+        """All bytes that are left."""
+        return self.read(self._end - self.position)
 
-    def u64(self, what: str) -> int:
-        """The next unsigned 64-bit integer."""
-        return int.from_bytes(self.take(8, what), "little")
-
-    def blob(self, what: str) -> bytes:
-        """Bytes with a 32-bit length before them."""
-        return self.take(self.u32(what), what)
-
-    def text(self, what: str) -> str:
+    def read_prefixed_string(self) -> str:
         """UTF-8 text with a 32-bit length before it."""
-        raw = self.blob(what)
-        try:
-            return raw.decode("utf-8")
-        except UnicodeDecodeError:
-            raise Malformed(f"{what} is not UTF-8") from None
+        text = super().read_prefixed_string()
+        self._strings.append((text, self.position))
+        return text
 
-    def text_map(self, what: str) -> tuple[dict[str, str], tuple[str, ...]]:
-        """A map of texts; of a repeated key the first value stands and the key is named."""
-        inner = Cursor(self.blob(what))
+    def last_map(self, before: int) -> tuple[dict[str, str], tuple[str, ...]]:
+        """The map after the first `before` strings, which ends the record, and its repeated keys.
+
+        The first value of a repeated key is kept; `mcap.records` keeps the last one, and reads on past a map's end.
+        """
+        _, at = self._strings[before - 1]
+        if at + 4 + int.from_bytes(self.data[at : at + 4], "little") != self.position:
+            raise Malformed("a map ends within one of its strings")
         values: dict[str, str] = {}
-        duplicates: list[str] = []
-        while inner.pos < inner.end:
-            key, value = inner.text(f"a key of {what}"), inner.text(f"a value of {what}")
+        repeated: list[str] = []
+        texts = [text for text, _ in self._strings[before:]]
+        for key, value in zip(texts[::2], texts[1::2], strict=True):
             if key in values:
-                duplicates.append(key)
-            else:
-                values[key] = value
-        return values, tuple(duplicates)
+                repeated.append(key)
+            values.setdefault(key, value)
+        return values, tuple(repeated)
 
 
-RECORD_PREFIX: Final = struct.Struct("<BQ")  # opcode, length of the body
-MESSAGE_PREFIX: Final = struct.Struct("<HIQQ")  # channel, sequence number, log time, publish time
+class _Readable(Protocol[Record]):
+    @staticmethod
+    def read(stream: ReadDataStream) -> Record: ...
+
+
+def parsed(kind: _Readable[Record], stream: RecordStream) -> Record:
+    """The record of a kind, such as `Schema`, whose body is in `stream`. Raises Malformed."""
+    try:
+        return kind.read(stream)
+    except UnicodeDecodeError:
+        raise Malformed("a string is not UTF-8") from None

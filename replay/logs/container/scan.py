@@ -20,11 +20,11 @@ from replay.logs.container import records as r
 from replay.logs.container.collect import Collector
 from replay.logs.container.compression import BadChunk, unpack_chunk
 from replay.logs.container.log import Channel, Findings, Log, ReadLimits
-from replay.logs.container.records import Cursor, Malformed
+from replay.logs.container.records import Malformed, Opcode, RecordStream
 from replay.logs.container.source import Cut, Source
 from replay.logs.container.summary import Summary, read_attachment
 
-_HELD = {r.HEADER, r.SCHEMA, r.CHANNEL, r.MESSAGE, r.CHUNK, r.METADATA, r.DATA_END}
+_HELD = {Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA, Opcode.DATA_END}
 
 
 def scan(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], limits: ReadLimits | None = None) -> Log:
@@ -107,7 +107,7 @@ class _Scan:
                 text = f"{stop} (at byte {at}); the rest of the file is lost"
                 self.findings.add("W_CORRUPT_RECORD", text, lost=True)
                 return
-            if opcode == r.FOOTER:
+            if opcode == Opcode.FOOTER:
                 self.findings.add("W_EARLY_FOOTER", f"a Footer at byte {at} before the data's end", lost=True)
                 return
             self._record(opcode, length, at, crc)
@@ -125,7 +125,7 @@ class _Scan:
     def _record(self, opcode: int, length: int, at: int, crc: int) -> None:
         name = r.record_name(opcode)
         try:
-            if opcode == r.ATTACHMENT:
+            if opcode == Opcode.ATTACHMENT:
                 self._attachment(length, at)
             elif opcode not in _HELD:
                 self.source.skip(length)
@@ -138,18 +138,18 @@ class _Scan:
             else:
                 self._held_record(opcode, self.source.read(length), at, crc)
         except Malformed as error:
-            lost = opcode in (r.CHUNK, r.MESSAGE, r.METADATA)
+            lost = opcode in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.METADATA)
             self.findings.add("W_CORRUPT_RECORD", f"{name} at byte {at} is skipped: {error}", lost=lost)
 
     def _held_record(self, opcode: int, body: bytes, at: int, crc: int) -> None:
-        if opcode == r.CHUNK:
+        if opcode == Opcode.CHUNK:
             self._chunk(body, at)
-        elif opcode == r.DATA_END:
-            self._data_end(Cursor(body), crc)
-        elif opcode == r.HEADER:
-            self._header(Cursor(body))
+        elif opcode == Opcode.DATA_END:
+            self._data_end(body, crc)
+        elif opcode == Opcode.HEADER:
+            self._header(body)
         else:
-            self.collected.add(opcode, Cursor(body))
+            self.collected.add(opcode, RecordStream(body))
 
     def _attachment(self, length: int, at: int) -> None:
         attachment = read_attachment(self.source, length)
@@ -174,21 +174,22 @@ class _Scan:
             self.findings.add(code, f"chunk {number} at byte {at} is dropped: {error}", lost=True)
         self.summary.chunks.append((at, start, end))
 
-    def _data_end(self, cursor: Cursor, crc: int) -> None:
-        stated = cursor.u32("checksum")
+    def _data_end(self, body: bytes, crc: int) -> None:
+        stated = r.parsed(r.DataEnd, RecordStream(body)).data_section_crc
         self.data_ended = True
         if stated:
             self.data_crc_holds = stated == crc
             if not self.data_crc_holds:
                 self.findings.add("W_CRC_DATA", "the checksum of the data section is wrong")
 
-    def _header(self, cursor: Cursor) -> None:
+    def _header(self, body: bytes) -> None:
         if self.header is not None:
             self.findings.add("W_DUPLICATE_HEADER", "a second Header; the first one counts")
             return
         if self.collected.num_records > 1:
             self.findings.add("W_NO_HEADER", "the Header is not the first record")
-        self.header = cursor.text("profile"), cursor.text("library")
+        header = r.parsed(r.Header, RecordStream(body))
+        self.header = header.profile, header.library
 
     # ---- the summary section
 
@@ -204,18 +205,18 @@ class _Scan:
                 self.findings.add("W_INDEX", f"the summary is damaged at byte {at}; it is not needed")
                 return
             crc, body = self.source.crc, self.source.read(length)
-            if opcode == r.FOOTER:
-                self._footer(Cursor(body), crc)
+            if opcode == Opcode.FOOTER:
+                self._footer(body, crc)
                 return
             try:
-                self.summary.add(opcode, Cursor(body))
+                self.summary.add(opcode, RecordStream(body))
             except Malformed as error:
                 text = f"{r.record_name(opcode)} in the summary: {error}"
-                self.findings.add("W_INDEX", text, lost=opcode in (r.CHUNK, r.MESSAGE))
+                self.findings.add("W_INDEX", text, lost=opcode in (Opcode.CHUNK, Opcode.MESSAGE))
 
-    def _footer(self, cursor: Cursor, crc: int) -> None:
+    def _footer(self, body: bytes, crc: int) -> None:
         try:
-            for code, text in self.summary.check_footer(cursor, crc):
+            for code, text in self.summary.check_footer(body, crc):
                 self.findings.add(code, text)
         except Malformed as error:
             self.findings.add("W_CORRUPT_RECORD", f"the Footer is damaged: {error}")
