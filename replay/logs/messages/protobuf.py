@@ -120,7 +120,7 @@ def _in_order(first: FileDescriptorProto, files: list[FileDescriptorProto]) -> l
 
 
 class _Plan(NamedTuple):
-    """How one message is converted."""
+    """Conversion of one message type."""
 
     name: str
     fields: tuple[tuple[Field, "_Plan | None"], ...]
@@ -134,7 +134,7 @@ class _Plan(NamedTuple):
 
 
 def _plan(descriptor: Descriptor) -> _Plan:
-    """How messages are converted. Raises DefinitionError where a field is not as it must be, or none is defined."""
+    """Plan the conversion of messages. Raises DefinitionError where a field has another type, or none is defined."""
     name = descriptor.full_name
     fields: list[tuple[Field, _Plan | None]] = []
     for field in MESSAGES[name]:
