@@ -51,7 +51,7 @@ class _Copied(r.McapRecord):
 
 @dataclass(kw_only=True)
 class _Index:
-    """What the summary states about the data section."""
+    """Statements of the summary about the data section."""
 
     schemas: dict[int, r.McapRecord] = field(default_factory=dict)
     channels: dict[int, r.McapRecord] = field(default_factory=dict)

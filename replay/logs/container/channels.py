@@ -17,7 +17,7 @@ def normalised(name: str) -> str:
 
 
 class ChannelTable:
-    """What Schema and Channel records of the data section have defined so far."""
+    """Table of the schemas and channels that the data section has defined so far."""
 
     def __init__(self, path: Path, limit: int) -> None:
         self.path = path
@@ -67,7 +67,7 @@ class ChannelTable:
 
 
 def _meaning(channel: Channel) -> tuple[object, ...]:
-    """What two records of one channel must agree in."""
+    """The fields in which two records of one channel must agree."""
     return channel.topic, channel.encoding, channel.schema_id
 
 

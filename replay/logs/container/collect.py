@@ -1,4 +1,4 @@
-"""What the records of the data section add up to: channels, counts, and the messages that are wanted."""
+"""Collection of the records of the data section: channels, counts, and wanted messages."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -90,7 +90,7 @@ class Collector:
     # ---- chunks
 
     def add_chunk(self, data: bytes, number: int) -> None:
-        """All records of a chunk, or none: its framing is checked to the end before anything counts.
+        """Add all records of a chunk, or none: its framing is checked to the end first.
 
         Raises:
             Malformed: the framing is broken.

@@ -89,7 +89,7 @@ class _Scan:
         self.findings.add("W_TRUNCATED", text, lost=not self.data_ended)
 
     def _has_last_bytes(self) -> bool:
-        """Whether the file ends as a complete one does."""
+        """True if the file ends as a complete one does."""
         return self.source.tail(len(r.MAGIC)) == r.MAGIC
 
     # ---- the data section
@@ -113,7 +113,7 @@ class _Scan:
             self._record(opcode, length, at, crc)
 
     def _why_to_stop(self, opcode: int, length: int) -> str:
-        """What makes it impossible to go on to a next record, if anything. Raises Cut where the file just ends."""
+        """Reason why there is no next record to read, or an empty text. Raises Cut where the file just ends."""
         if opcode == 0 and length == 0:
             return "zeros where a record should begin"
         if length <= self.source.left:

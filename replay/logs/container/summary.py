@@ -1,4 +1,4 @@
-"""What a log says about itself at its end, compared with what was read. Nothing is ever looked up in it."""
+"""Comparison of the summary at a log's end with what was read. Nothing is ever looked up in the summary."""
 
 import zlib
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ _NAME_CHARACTERS = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWX
 
 
 class Attachment(NamedTuple):
-    """What is said about an attachment; its content is not kept."""
+    """Facts about an attachment; its content is not kept."""
 
     name: str
     sound: bool

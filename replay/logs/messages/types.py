@@ -1,4 +1,4 @@
-"""What a message type is, and the values that messages are decoded to: plain arrays, as sent, only lengths checked."""
+"""Message types, and the values that messages are decoded to: plain arrays, as sent, only lengths checked."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from optim.numerics.arrays import Array
 
 Role = Literal["grid", "markers", "polygon", "path", "stream", "joints", "transforms"]
-"""What a message is read as: three kinds of map, a path, one pose of a stream that makes a path, joint angles,
-transforms between frames."""
+"""Use of a message: three kinds of map, a path, one pose of a stream that makes a path, joint angles, transforms."""
 MAP_ROLES: tuple[Role, ...] = ("grid", "markers", "polygon")
 PATH_ROLES: tuple[Role, ...] = ("path", "stream")
 
@@ -35,7 +34,7 @@ class MessageType:
 
     name: str
     role: Role
-    """What its messages are read as."""
+    """Use of its messages."""
 
     @property
     def encodings(self) -> tuple[tuple[str, str], ...]:
@@ -54,7 +53,7 @@ class MessageType:
 
 
 class Header(NamedTuple):
-    """When and in which frame."""
+    """Time and frame of a message."""
 
     stamp: int
     """[ns]"""
@@ -85,7 +84,7 @@ class PoseSeries:
     poses: Array
     """Position x, y, z [m] and quaternion x, y, z, w. Shape (n, 7)."""
     frames: frozenset[str]
-    """Every frame that a pose names."""
+    """Frames named by the poses."""
     speed: Array | None = None
     """Speed along the heading, negative in reverse [m/s], where the type has one. Shape (n,)."""
     steer: Array | None = None
