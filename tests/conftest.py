@@ -15,7 +15,7 @@ from recording_reading import Contents, written
 from optim.model.result import Stop
 from replay.base.errors import LogError
 from replay.base.kernels import drop_stale
-from replay.logs.container.records import Limits, Log
+from replay.logs.container.log import Log, ReadLimits
 from replay.logs.container.scan import scan
 from replay.run.case import Case
 from replay.run.judge import Run
@@ -94,7 +94,7 @@ def passed_run(tmp_path: pathlib.Path) -> pathlib.Path:
 def scanned(tmp_path: pathlib.Path) -> Callable[..., Log]:
     """The container with these bytes, every channel wanted."""
 
-    def scan_bytes(data: bytes, limits: Limits | None = None) -> Log:
+    def scan_bytes(data: bytes, limits: ReadLimits | None = None) -> Log:
         file = tmp_path / "log.mcap"
         file.write_bytes(data)
         return scan(file, lambda _: True, limits)

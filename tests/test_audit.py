@@ -30,6 +30,7 @@ from scenes import blocks_beside
 
 import optim.audit.checks
 from optim.audit.checks import audit_recorded
+from optim.audit.report import AuditReport
 from optim.model.vehicle import Vehicle
 
 
@@ -116,9 +117,28 @@ def test_every_check_of_motion_and_claims_is_the_only_one_for_some_damage() -> N
 def test_the_place_of_the_worst_value_is_named() -> None:
     place = audited(obstacle_moved_into_path(sound())).checks["clearance"].place
     assert place is not None
-    assert place["polygon"] == 0
+    assert place.polygon == 0
     place = audited(pose_moved(sound())).checks["defect"].place
-    assert place == {"segment": 0, "s": pytest.approx(5.0, abs=0.06)}
+    assert place is not None
+    assert (place.segment, place.s) == (0, pytest.approx(5.0, abs=0.06))
+
+
+def test_a_check_is_found_by_its_name_and_has_the_value_that_decides() -> None:
+    report = audited(obstacle_moved_into_path(sound()))
+    assert report.clearance is report.checks["clearance"]
+    assert report.clearance.value == min(report.clearance.values.values()) < 0.0
+    assert report.steer.value == report.steer.values["steer_rad"]
+    assert math.isnan(report.structure.value)
+    with pytest.raises(AttributeError, match="no check 'clearence' was made; there are structure, "):
+        _ = report.clearence
+
+
+def test_a_report_comes_back_from_plain_data() -> None:
+    for case in (SOUND, obstacle_moved_into_path(sound())):
+        report = audited(case)
+        again = AuditReport.from_dict(json.loads(json.dumps(report.to_dict())))
+        assert again.to_dict() == report.to_dict()
+        assert (again.passed, again.failures) == (report.passed, report.failures)
 
 
 MODULES = ("checks", "data", "motion", "report")
@@ -137,7 +157,7 @@ def test_the_audit_imports_nothing_that_a_method_uses() -> None:
                 assert imported in allowed or root in allowed or root in sys.stdlib_module_names, imported
     script = "import sys, optim.audit.checks; print(*sorted(m for m in sys.modules if m[:5] in ('optim', 'numba')))"
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
-    assert set(loaded) == {"optim", *(f"optim.audit.{name}" for name in MODULES)}
+    assert set(loaded) == {"optim", "optim.audit", *(f"optim.audit.{name}" for name in MODULES)}
 
 
 def test_a_path_of_a_hundred_metres_takes_well_below_a_second() -> None:

@@ -214,7 +214,8 @@ def test_what_is_given_to_paste_names_the_program_as_it_was_called(tmp_path):
     assert done.stderr.strip().splitlines()[-1].endswith(f": {accept}")
     page = (run / "report.html").read_text()
     assert accept in page
-    assert f"{called} view runs/{run.name}" in page
+    viewer = os.path.relpath(script.with_name("rerun"), tmp_path)
+    assert f"{viewer} runs/{run.name}/recordings/*.rrd" in page
     assert f"the whole: {called} regress" in call("regress", "bay_01.mcap", *quick).stderr
     assert f"(see `{called} regress --help`)" in call("regress", "bay_01.mcap", "--jobs", "0").stderr
 

@@ -14,9 +14,8 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSe
 from test_foxglove import decode, refused
 
 from replay.logs.messages import json_messages, wire
-from replay.logs.messages.content import PayloadError
-from replay.logs.messages.foxglove import FAMILIES
-from replay.logs.messages.layout import LayoutError
+from replay.logs.messages.foxglove import MESSAGE_TYPES
+from replay.logs.messages.types import DefinitionError, PayloadError
 
 TRUCK, _ = make.drive()
 
@@ -33,7 +32,7 @@ def test_the_field_numbers_are_those_of_the_logs_own_descriptors() -> None:
     pool = classes_of(found)
     mine = pool("foxglove.PosesInFrame")(frame_id="odom")
     mine.poses.add().position.x = 7.0
-    series = FAMILIES["foxglove.PosesInFrame"].reader(("protobuf", "protobuf"), found.SerializeToString())(
+    series = MESSAGE_TYPES["foxglove.PosesInFrame"].decoder(("protobuf", "protobuf"), found.SerializeToString())(
         mine.SerializeToString()
     )
     assert (series.header.frame, series.poses[0, 0]) == ("odom", 7.0)
@@ -88,8 +87,8 @@ def _deep(file: FileDescriptorProto) -> None:
     ],
 )
 def test_descriptors_that_cannot_be_used_are_an_error_of_one_line(data: bytes, says: str) -> None:
-    with pytest.raises(LayoutError, match=says) as caught:
-        FAMILIES["foxglove.PosesInFrame"].reader(("protobuf", "protobuf"), data)
+    with pytest.raises(DefinitionError, match=says) as caught:
+        MESSAGE_TYPES["foxglove.PosesInFrame"].decoder(("protobuf", "protobuf"), data)
     assert "\n" not in str(caught.value)
 
 
@@ -108,7 +107,7 @@ def test_descriptors_that_cannot_be_used_are_an_error_of_one_line(data: bytes, s
     ],
 )
 def test_payloads_that_are_no_such_message_are_refused(data: bytes, says: str) -> None:
-    read = FAMILIES["foxglove.PosesInFrame"].reader(("protobuf", "protobuf"), fox.definition(fox.poses([])))
+    read = MESSAGE_TYPES["foxglove.PosesInFrame"].decoder(("protobuf", "protobuf"), fox.definition(fox.poses([])))
     with pytest.raises(PayloadError, match=says):
         read(data)
 
@@ -121,7 +120,7 @@ def test_a_payload_that_ends_early_never_does_more_than_fail() -> None:
     ):
         data, read = (
             each.SerializeToString(),
-            FAMILIES[each.DESCRIPTOR.full_name].reader(("protobuf", "protobuf"), fox.definition(each)),
+            MESSAGE_TYPES[each.DESCRIPTOR.full_name].decoder(("protobuf", "protobuf"), fox.definition(each)),
         )
         for end in range(len(data)):
             with contextlib.suppress(PayloadError):  # or less was sent, and it is whole
@@ -131,7 +130,7 @@ def test_a_payload_that_ends_early_never_does_more_than_fail() -> None:
 def test_a_message_that_comes_in_two_parts_is_put_together_and_unknown_fields_are_passed_over() -> None:
     one = fox.transform("a", "b", (1.0, 0.0, 0.0)).SerializeToString()
     two = fox.message("FrameTransform", translation=fox.message("Vector3", y=2.0)).SerializeToString()
-    read = FAMILIES["foxglove.FrameTransform"].reader(
+    read = MESSAGE_TYPES["foxglove.FrameTransform"].decoder(
         ("protobuf", "protobuf"), fox.definition(fox.transform("a", "b", (0, 0, 0)))
     )
     (each,) = read(one + two + b"\xa0\x06\x07\xa2\x06\x01x\xa5\x06aaaa\xa1\x06aaaaaaaa")
@@ -143,13 +142,13 @@ def test_lists_of_indices_may_be_packed_or_not() -> None:
     each = fox.scene(fox.entity("a", lines=[line]))
     (_, packed) = decode(each)
     data = each.SerializeToString().replace(b"\x42\x08\x02\0\0\0\0\0\0\0", b"\x45\x02\0\0\0\x45\0\0\0\0")
-    (_, loose) = FAMILIES["foxglove.SceneUpdate"].reader(("protobuf", "protobuf"), fox.definition(each))(data)
+    (_, loose) = MESSAGE_TYPES["foxglove.SceneUpdate"].decoder(("protobuf", "protobuf"), fox.definition(each))(data)
     assert packed.points.tolist() == loose.points.tolist() == [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
     line.indices.append(3)
     assert "names point 3 of 3" in refused(fox.scene(fox.entity("a", lines=[line])))
     broken = each.SerializeToString().replace(b"\x42\x08\x02\0\0\0\0\0\0\0", b"\x42\x07\x02\0\0\0\0\0\0\x30")
     with pytest.raises(PayloadError):
-        FAMILIES["foxglove.SceneUpdate"].reader(("protobuf", "protobuf"), fox.definition(each))(broken)
+        MESSAGE_TYPES["foxglove.SceneUpdate"].decoder(("protobuf", "protobuf"), fox.definition(each))(broken)
 
 
 # ---- JSON
@@ -179,7 +178,7 @@ def test_lists_of_indices_may_be_packed_or_not() -> None:
 )
 def test_json_that_is_no_such_message_is_refused(text: bytes, says: str) -> None:
     with pytest.raises(PayloadError, match=says) as caught:
-        FAMILIES["foxglove.PosesInFrame"].reader(("json", "jsonschema"), b"")(text)
+        MESSAGE_TYPES["foxglove.PosesInFrame"].decoder(("json", "jsonschema"), b"")(text)
     assert str(caught.value).isprintable()
 
 
@@ -195,10 +194,10 @@ def test_json_that_is_no_such_message_is_refused(text: bytes, says: str) -> None
 def test_json_grids_with_other_values_are_refused(key: str, value: Any, says: str) -> None:
     tree = fox.tree(fox.grid(np.zeros((2, 2), np.int8))) | {key: value}
     with pytest.raises(PayloadError, match=says):
-        FAMILIES["foxglove.Grid"].reader(("json", ""), b"")(json.dumps(tree).encode())
+        MESSAGE_TYPES["foxglove.Grid"].decoder(("json", ""), b"")(json.dumps(tree).encode())
 
 
 def test_json_truth_values_are_truth_values() -> None:
     tree = {"entities": [{"lines": [{"scale_invariant": 1}]}]}
     with pytest.raises(PayloadError, match="a truth value"):
-        FAMILIES["foxglove.SceneUpdate"].reader(("json", ""), b"")(json.dumps(tree).encode())
+        MESSAGE_TYPES["foxglove.SceneUpdate"].decoder(("json", ""), b"")(json.dumps(tree).encode())

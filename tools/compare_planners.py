@@ -118,7 +118,7 @@ def _measure(kind: str, number: int, seeds: int, time_limit: float) -> list[Row]
         if plan is not None:
             scene, path = scene_to_document(problem.scene), path_to_document(plan.path)
             row["audit"] = row["found"] = audit_recorded(asdict(problem.vehicle), scene, path).passed
-            row |= metrics(problem.vehicle, problem.scene, plan.path, Weights())
+            row |= asdict(metrics(problem.vehicle, problem.scene, plan.path, Weights()))
         rows.append(row)
     return rows
 

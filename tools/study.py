@@ -24,6 +24,7 @@ import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import asdict
 from multiprocessing import get_context
 from typing import Any
 
@@ -173,11 +174,13 @@ def _measure(name: str, path: pathlib.Path, methods: dict[str, Method], time_lim
         return [{"log": name, "method": "recorded", "status": "unreadable", "reason": str(error)}]
     with Workers(Limits(time_s=time_limit, memory_mib=4096)) as workers:
         run = run_case(case, methods, solve=workers)
-    recorded = {"log": name, "method": "recorded", "status": "recorded", "feasible": run.recorded_audit["passed"]}
-    rows = [recorded | {"metrics": run.recorded_metrics}]
+    recorded = {"log": name, "method": "recorded", "status": "recorded", "feasible": run.recorded_audit.passed}
+    rows = [recorded | {"metrics": asdict(run.recorded_metrics)}]
     for each in run.methods:
         row = {"log": name, "method": each.name, "status": each.status, "stop": each.stop, "reason": each.reason}
-        rows.append(row | {"metrics": each.metrics, "wall_s": each.wall_s, "rejected": each.rejected is not None})
+        rows.append(
+            row | {"metrics": asdict(each.metrics), "wall_s": each.wall_s, "rejected": each.rejected is not None}
+        )
     return rows
 
 

@@ -24,7 +24,7 @@ A free roll-out over a whole segment is no check: in reverse errors grow like ex
 import math
 import sys
 from collections.abc import Callable, Container, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -264,14 +264,15 @@ def _relaxed(subject: _Subject, limit: str) -> float:
 def _clearance(subject: _Subject) -> Check:
     track, swept = subject.track, subject.swept
     interval, body = np.unravel_index(int(np.argmin(swept.clearance)), swept.clearance.shape)
-    place = track.place(track.left[interval]) | {"body": BODIES[body], "polygon": int(swept.polygon[interval, body])}
+    polygon = int(swept.polygon[interval, body])
+    place = replace(track.place(track.left[interval]), body=BODIES[body], polygon=polygon)
     return at_least("clearance", swept.clearance, subject.tolerances.clearance, place)
 
 
 def _boundary(subject: _Subject) -> Check:
     track, swept = subject.track, subject.swept
     interval, body = np.unravel_index(int(np.argmin(swept.room)), swept.room.shape)
-    place = track.place(track.left[interval]) | {"body": BODIES[body]}
+    place = replace(track.place(track.left[interval]), body=BODIES[body])
     return at_least("distance to the map's outline", swept.room, subject.tolerances.clearance, place)
 
 

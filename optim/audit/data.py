@@ -7,6 +7,7 @@ or `finite` (null, NaN, infinite, absurdly large). Nothing is repaired, nothing 
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,12 +17,24 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Shapes = NDArray[np.object_]
-Place = dict[str, float | int | str]
 
 COLUMNS = ("s", "x", "y", "theta", "alpha", "phi")
 WEIGHTS = ("length", "steer", "rate", "cusp", "jump")
 LARGEST = 1e8
 """No coordinate or angle may be larger [m, rad]: above it a float64 no longer resolves the tolerances."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where on a path a check is worst."""
+
+    segment: int
+    s: float
+    """Arc length in the segment [m]."""
+    body: str | None = None
+    """One of `optim.audit.motion.BODIES`, where the check distinguishes them."""
+    polygon: int | None = None
+    """Index of the nearest obstacle."""
 
 
 class Refusal(Exception):
@@ -95,7 +108,7 @@ class Track(NamedTuple):
 
     def place(self, sample: int | np.integer) -> Place:
         """Where a sample lies: its segment, and the arc length in it [m]."""
-        return {"segment": int(self.segment[sample]), "s": float(self.samples[0, sample])}
+        return Place(segment=int(self.segment[sample]), s=float(self.samples[0, sample]))
 
 
 def read_vehicle(vehicle: Any) -> VehicleData:

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, Self
 
 from optim.audit.data import Array, Place
 from optim.audit.motion import BODIES
@@ -19,13 +19,43 @@ class Check:
     values: Mapping[str, float]
     limits: Mapping[str, float]
     """Of those values that decide."""
-    place: Mapping[str, float | int | str] | None = None
-    """Where it is worst: `segment` (index), `s` (arc length in it [m]), `body`, `polygon` (index)."""
+    place: Place | None = None
+    """Where it is worst."""
+
+    @property
+    def deciding(self) -> str | None:
+        """Name of the value nearest to its limit, or farthest beyond; where a body is at the place, of that body's.
+
+        None for a check without a limit.
+        """
+        body = "" if self.place is None or self.place.body is None else self.place.body
+        names = [
+            name for name in self.limits if name.startswith(body) and not math.isnan(self.values.get(name, math.nan))
+        ]
+        return max(names, key=self._used, default=None)
+
+    @property
+    def value(self) -> float:
+        """The deciding value, in the unit that its name ends in; NaN for a check without a limit."""
+        return math.nan if self.deciding is None else self.values[self.deciding]
+
+    def _used(self, name: str) -> float:
+        limit = self.limits[name]
+        return self.values[name] / limit if limit else self.values[name]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data; what is not finite becomes None."""
-        parts = {"values": self.values, "limits": self.limits, "place": self.place}
+        place = None if self.place is None else {k: v for k, v in asdict(self.place).items() if v is not None}
+        parts = {"values": self.values, "limits": self.limits, "place": place}
         return {"passed": self.passed, "sentence": self.sentence, **{k: _plain(v) for k, v in parts.items()}}
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> Self:
+        """Inverse of `to_dict`; null becomes NaN. Raises what Python raises for data of other types."""
+        values, limits = (_numbers(stored.get(part) or {}) for part in ("values", "limits"))
+        place = None if stored.get("place") is None else _place(stored["place"])
+        said = {"passed": bool(stored.get("passed")), "sentence": str(stored.get("sentence"))}
+        return cls(**said, values=values, limits=limits, place=place)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +87,27 @@ class AuditReport:
         checks = {name: check.to_dict() for name, check in self.checks.items()}
         return {"passed": self.passed, "complete": self.complete, "checks": checks}
 
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> Self:
+        """Inverse of `to_dict`. Raises what Python raises for data of other types.
+
+        A report that says "not passed" although none of its checks failed counts as incomplete.
+        """
+        checks = {name: Check.from_dict(check) for name, check in (stored.get("checks") or {}).items()}
+        passed, complete = bool(stored.get("passed")), bool(stored.get("complete", stored.get("passed")))
+        unexplained = not passed and all(check.passed for check in checks.values())
+        return cls(checks=checks, complete=complete and not unexplained)
+
+    def __getattr__(self, name: str) -> Check:
+        """The check of that name, as in `report.clearance.value`; AttributeError where it was not made."""
+        checks: Mapping[str, Check] = self.__dict__.get("checks", {})
+        if name not in checks:
+            raise AttributeError(f"no check {name!r} was made; there are {', '.join(checks)}")
+        return checks[name]
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.checks]
+
 
 def at_most(what: str, quantities: Mapping[str, tuple[float, float, str]], place: Place | None = None) -> Check:
     """Every quantity, given as name: (value, limit, unit), at most its limit; NaN is not."""
@@ -80,6 +131,21 @@ def at_least(what: str, values: Array, limit: float, place: Place) -> Check:
         values={f"{body}_m": float(value) for body, value in zip(BODIES, least, strict=True)},
         limits={f"{body}_m": limit for body in BODIES},
         place=place,
+    )
+
+
+def _numbers(stored: Mapping[str, Any]) -> dict[str, float]:
+    return {name: math.nan if value is None else float(value) for name, value in stored.items()}
+
+
+def _place(stored: Mapping[str, Any]) -> Place:
+    """A place may lack the body and the polygon."""
+    body, polygon = stored.get("body"), stored.get("polygon")
+    return Place(
+        segment=int(stored["segment"]),
+        s=float(stored["s"]),
+        body=None if body is None else str(body),
+        polygon=None if polygon is None else int(polygon),
     )
 
 

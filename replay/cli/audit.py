@@ -51,12 +51,12 @@ def _audit_file(voice: Voice, path: pathlib.Path) -> dict[str, Any]:
         voice.error(str(error))
         return {"file": str(path), "error": str(error), "passed": False, "paths": []}
     passed = all(verdict.report.passed and verdict.confirmed for verdict in verdicts)
-    reports = {verdict.name: verdict.report.to_dict() for verdict in verdicts}
+    reports = {verdict.name: verdict.report for verdict in verdicts}
     voice.show(f"{path}: {_sentence(verdicts)}", checks_table(reports))
     for verdict in verdicts:
         for sentence in (*verdict.report.failures, *verdict.differences):
             voice.error(f"{path}: {verdict.name}: {sentence}")
-    paths = [{"name": v.name, "audit": reports[v.name], "differences": v.differences} for v in verdicts]
+    paths = [{"name": v.name, "audit": v.report.to_dict(), "differences": v.differences} for v in verdicts]
     return {"file": str(path), "error": None, "passed": passed, "paths": paths}
 
 

@@ -15,7 +15,7 @@ from replay.cli import drop_output
 from replay.cli.accepted import changes_for_people
 from replay.cli.against import tell_timing, time_against
 from replay.cli.console import Common, Voice
-from replay.cli.invoked import to_paste
+from replay.cli.invoked import recordings_to_paste, to_paste
 from replay.cli.optimize import MethodFlags, WeightFlags
 from replay.cli.options import UsageError, WholeNumber
 from replay.cli.reading import Reading
@@ -296,7 +296,7 @@ def _status(said: Any) -> ExitStatus:
 
 def _commands(plan: Plan, store: Store) -> dict[str, str]:
     """What the reports give to paste."""
-    return {"accept": _accept(plan, store), "view": to_paste("view", str(store.folder))}
+    return {"accept": _accept(plan, store), "view": recordings_to_paste(store.folder / "recordings")}
 
 
 def _accept(plan: Plan, store: Store) -> str:

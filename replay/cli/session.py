@@ -4,6 +4,7 @@ import dataclasses
 import pathlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -306,11 +307,12 @@ def _case_document(run: Run, written: list[str]) -> dict[str, Any]:
     """A run in the JSON document: all numbers of the results file but the paths."""
     return {
         "case": run.case.name,
-        "recorded": {"metrics": run.recorded_metrics, "audit": run.recorded_audit},
+        "recorded": {"metrics": asdict(run.recorded_metrics), "audit": run.recorded_audit.to_dict()},
         "best": run.best.name if run.best else None,
         "methods": [
             {key: getattr(method, key) for key in ("name", "status", "stop", "reason", "iterations", "wall_s")}
-            | {"metrics": method.metrics, "audit": method.audit, "rejected": method.rejected}
+            | {"metrics": asdict(method.metrics), "audit": method.audit.to_dict()}
+            | {"rejected": None if method.rejected is None else method.rejected.to_dict()}
             for method in run.methods
         ],
         "files": written,

@@ -150,9 +150,9 @@ def _side_by_side(content: Content) -> rrb.Grid:
 def _panel_title(track: Track) -> str:
     if track.is_own:
         metrics = track.metrics
-        free = metrics["min_clearance"]
+        free = metrics.min_clearance
         clear = f"clear by {number(free)} m" if math.isfinite(free) else "no obstacles"
-        return f"{track.style.label}: J {number(metrics['objective'], 1)}, {number(metrics['length'], 1)} m, {clear}"
+        return f"{track.style.label}: J {number(metrics.objective, 1)}, {number(metrics.length, 1)} m, {clear}"
     rejected = track.run is not None and track.run.rejected is not None
     return f"{track.style.label}: " + (
         "rejected by the audit" if rejected else f"{track.status}; the recorded path stands"

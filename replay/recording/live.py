@@ -18,7 +18,7 @@ from replay.base.style import RECORDED, Style
 from replay.recording import ground, scene
 from replay.recording.blueprint import everything
 from replay.recording.entities import GROUND, OUTSIDE, entity, points
-from replay.recording.local import localised, moved
+from replay.recording.local import localised, localised_case, moved
 from replay.recording.picture import Frame, frame_around, swept_area, thinned
 from replay.recording.text import plain
 from replay.recording.tracks import tracks_of
@@ -37,14 +37,13 @@ class LiveRecording:
     """One case in a viewer at `url`. Raises RuntimeError or ValueError where the viewer does not take it."""
 
     def __init__(self, url: str, case: Case, looks: "Mapping[str, Style]") -> None:
-        run = Run(case=case, recorded_metrics={}, recorded_audit={}, methods=(), options={})
-        (run, self._offset), self._looks = localised(run), looks
+        (case, self._offset), self._looks = localised_case(case), looks
         self._steps = {name: itertools.count() for name in looks}
         self._stream = rr.RecordingStream(APPLICATION, recording_id=f"{plain(case.name)} live {uuid.uuid4().hex[:12]}")
         self._stream.connect_grpc(url)
         self._stream.set_log_time_enabled(False)
         self._stream.send_recording_name(f"{plain(case.name)} (running)")
-        self._log_start(run.case)
+        self._log_start(case)
 
     def _log_start(self, case: Case) -> None:
         problem, rec = case.problem, self._stream

@@ -4,12 +4,14 @@ import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
+from optim.audit.report import AuditReport
 from optim.model.clearance import witnesses
+from optim.model.metrics import Metrics
 from optim.model.path import Path, Samples
 from optim.model.problem import Problem
 from optim.model.result import Iterate, Picture
@@ -35,8 +37,8 @@ class Track:
     status: str
     """recorded, improved, kept or failed; the path of the last two is the recorded one."""
     path: Path
-    metrics: Mapping[str, float]
-    audit: Mapping[str, Any]
+    metrics: Metrics
+    audit: AuditReport
     area: BaseGeometry
     """Ground swept by truck and trailer."""
     progress: IntArray
@@ -74,7 +76,7 @@ class Track:
 
         Of `shortcut`, 1,000 tries of which 20 lower J, numbers would squeeze every other method into a corner.
         """
-        return np.searchsorted([int(row["iteration"]) for row in self.run.history] if self.run else [], numbers)
+        return np.searchsorted([record.iteration for record in self.run.history] if self.run else [], numbers)
 
     @property
     def last_step(self) -> int:
@@ -108,8 +110,8 @@ def _track(
     name: str,
     style: Style,
     status: str,
-    metrics: Mapping[str, float],
-    audit: Mapping[str, Any],
+    metrics: Metrics,
+    audit: AuditReport,
 ) -> Track:
     samples = path.samples
     near = witnesses(problem.scene, problem.vehicle, samples.states)

@@ -70,7 +70,7 @@ def write(run: "Run", path: pathlib.Path, looks: Mapping[str, Style] | None = No
 
 def recording_id(run: "Run") -> str:
     """The same for the same log, options and results: viewers merge recordings of the same identity."""
-    results = [(method.name, method.status, method.metrics["objective"]) for method in run.methods]
+    results = [(method.name, method.status, method.metrics.objective) for method in run.methods]
     parts = [run.case.name, run.case.sha256, _version(), run.options, results]
     digest = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
     return f"{plain(run.case.name)} {digest[:12]}"
@@ -119,7 +119,7 @@ def fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Array
 
 
 def _legend_entry(recorded: Track, track: Track) -> tuple[str, Colour]:
-    before, after = recorded.metrics["objective"], track.metrics["objective"]
+    before, after = recorded.metrics.objective, track.metrics.objective
     text = {"recorded": f"J {number(before, 1)}", "improved": f"J {number(after, 1)} ({change(before, after)})"}
     rejected = track.run is not None and track.run.rejected is not None
     result = "rejected" if rejected else text.get(track.status, track.status)
@@ -146,13 +146,13 @@ def _send_properties(rec: rr.RecordingStream, run: "Run", tracks: list[Track], b
     properties = rr.AnyValues(
         best_method=plain(best.name) if best else "none",
         status="improved" if best else ("failed" if any(m.status == "failed" for m in run.methods) else "kept"),
-        objective_before=float(before["objective"]),
-        objective_after=float(after["objective"]),
-        length_before_m=float(before["length"]),
-        length_after_m=float(after["length"]),
-        cusps_before=int(before["cusps"]),
-        cusps_after=int(after["cusps"]),
-        clearance_after_m=float(after["min_clearance"]),
+        objective_before=float(before.objective),
+        objective_after=float(after.objective),
+        length_before_m=float(before.length),
+        length_after_m=float(after.length),
+        cusps_before=int(before.cusps),
+        cusps_after=int(after.cusps),
+        clearance_after_m=float(after.min_clearance),
         log_sha256=run.case.sha256,
         tool_version=_version(),
     )

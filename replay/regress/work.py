@@ -143,7 +143,7 @@ def _outline(job: Job) -> dict[str, Any]:
 
 
 def _case(run: Run) -> dict[str, Any]:
-    recorded = {"metrics": run.recorded_metrics, "audit": run.recorded_audit}
+    recorded = {"metrics": dataclasses.asdict(run.recorded_metrics), "audit": run.recorded_audit.to_dict()}
     return {
         "case": run.case.name,
         "recorded": recorded,
@@ -158,9 +158,11 @@ def _read(case: Case) -> dict[str, Any]:
 
 
 def _method(run: MethodRun) -> dict[str, Any]:
-    fields = ("name", "status", "stop", "reason", "metrics", "audit", "wall_s", "rejected")
+    fields = ("name", "status", "stop", "reason", "wall_s")
     counters = {"iterations": run.iterations, "evaluations": len(run.history)}
     found = {key: getattr(run, key) for key in fields} | {"work": counters}
+    found |= {"metrics": dataclasses.asdict(run.metrics), "audit": run.audit.to_dict()}
+    found |= {"rejected": None if run.rejected is None else run.rejected.to_dict()}
     return found | {"traceback": run.traceback} if run.traceback else found
 
 

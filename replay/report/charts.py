@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from replay.base.numbers import shown
-from replay.report.history import Point
+from replay.base.schemas.summary import TrendPoint
 
 WIDTH, HEIGHT = 400, 250
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 12, 20, 44
@@ -96,7 +96,7 @@ def _steps(ratios: Sequence[float], high: float, x: _Scale, y: _Scale) -> str:
     return _path(corners)
 
 
-def drift_chart(points: Sequence[Point]) -> Chart | None:
+def drift_chart(points: Sequence[TrendPoint]) -> Chart | None:
     """How far each method's J over the recorded J is from the first run's over the same logs [%]."""
     first: dict[tuple[str, str], float] = {}
     values = [
@@ -109,14 +109,14 @@ def drift_chart(points: Sequence[Point]) -> Chart | None:
     return _trend(points, values, title="J against the first run", y_label="change of J [%]", logarithmic=False)
 
 
-def time_chart(points: Sequence[Point]) -> Chart | None:
+def time_chart(points: Sequence[TrendPoint]) -> Chart | None:
     """The median time of each method, on a logarithmic scale."""
     values = [{name: time for name, time in at.wall_s.items() if time > 0.0} for at in points]
     return _trend(points, values, title="Median time", y_label="median wall time [s]", logarithmic=True)
 
 
 def _trend(
-    points: Sequence[Point], values: Sequence[Mapping[str, float]], *, title: str, y_label: str, logarithmic: bool
+    points: Sequence[TrendPoint], values: Sequence[Mapping[str, float]], *, title: str, y_label: str, logarithmic: bool
 ) -> Chart | None:
     """A quantity of each method over the runs; None where there is only one run."""
     known = [_place(value, logarithmic) for entry in values for value in entry.values()]
@@ -167,7 +167,7 @@ def _y_ticks(low: float, high: float, logarithmic: bool) -> list[tuple[float, st
     return [(place, shown(value, 2)) for place, value in places if low <= place <= high]
 
 
-def _dates(points: Sequence[Point]) -> tuple[str, list[tuple[int, str]]]:
+def _dates(points: Sequence[TrendPoint]) -> tuple[str, list[tuple[int, str]]]:
     """What is written below the axis of runs, and at some of them their days, or the times of a single day."""
     chosen = {i: points[i].created or points[i].name for i in _chosen(len(points))}
     days = {created[:10] for created in chosen.values()}

@@ -5,9 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from replay.base.numbers import NO_VALUE, percent, shown
+from replay.base.schemas.log import MethodResult
+from replay.base.schemas.summary import Change
+from replay.base.schemas.verdicts import VERDICTS
 from replay.report.facts import class_of_logs, cost_ratio
-from replay.report.groups import told
-from replay.report.model import VERDICTS, Change, Row, RunData
+from replay.report.groups import notable
+from replay.report.model import Row, RunData
 
 MOST_CHANGES = 500
 MOST_CASES = 1000
@@ -64,7 +67,7 @@ def change_lines(run: RunData) -> list[ChangeLine]:
     hrefs = {row.case: href(row.recording) for row in run.rows if row.recording}
     unwritten = {row.case: row.recording_error for row in run.rows}
     lines = []
-    for change in told(run):
+    for change in notable(run):
         row = rows.get((change.log, change.case, change.method))
         place = href(row.recording) if row and row.recording else hrefs.get(change.case)
         relative, difference = change.relative, change.difference
@@ -73,7 +76,7 @@ def change_lines(run: RunData) -> list[ChangeLine]:
             text = f"{text} ({percent(relative)})"
         sort = relative if relative is not None else difference
         kind = kinds.get(change.log, "")
-        trace = "\n".join(row.traceback) if row and change.verdict == "crashed" else ""
+        trace = (row.result.traceback or "") if row and change.verdict == "crashed" else ""
         lost = unwritten.get(change.case, "")
         lines.append(
             ChangeLine(
@@ -101,7 +104,7 @@ def case_lines(run: RunData) -> list[CaseLine]:
 def _case_line(name: str, rows: list[Row], rank: int) -> CaseLine:
     first = rows[0]
     cells = {
-        row.method: ResultCell(status=row.status, ratio=cost_ratio(row), reason=f"{row.stop}. {row.reason}")
+        row.method: ResultCell(status=row.result.status, ratio=cost_ratio(row), reason=_reason(row.result))
         for row in rows
     }
     recordings = [row.recording for row in rows if row.recording]
@@ -111,11 +114,15 @@ def _case_line(name: str, rows: list[Row], rank: int) -> CaseLine:
         tags=", ".join(first.tags),
         verdict=VERDICTS[rank] if rank < len(VERDICTS) else "",
         rank=rank,
-        recorded=first.recorded.get("objective"),
-        recorded_passed=first.recorded_passed,
+        recorded=first.recorded.metrics.objective,
+        recorded_passed=first.recorded.audit.passed if first.recorded.audit else None,
         href=href(recordings[0]) if recordings else None,
         results=cells,
     )
+
+
+def _reason(result: MethodResult) -> str:
+    return f"{result.stop}. {result.reason}"
 
 
 def href(recording: str | None) -> str | None:

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from optim.model.metrics import UNITS
 from optim.model.objective import objective
 from replay.base.errors import ReplayError
 from replay.base.style import Style, lighter, styles
@@ -158,7 +159,7 @@ def _pair(a: Side, b: Side, first: str, second: str) -> Pair:
     for side, name in ((a, first), (b, second)):
         run, method = side.run, _method(side.run, name)
         metrics = run.recorded_metrics if method is None else method.metrics
-        values = {quantity: metrics.get(quantity, math.nan) for quantity in QUANTITIES}
+        values = {quantity: float(getattr(metrics, quantity)) for quantity in QUANTITIES if quantity in UNITS}
         values["wall_s"] = math.nan if method is None else method.wall_s
         if not same:
             path = run.case.problem.recorded if method is None else method.path

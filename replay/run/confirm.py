@@ -4,16 +4,18 @@ A claim is a verdict, a number of an audit, a metric, or a status: `improved` sa
 keeps the required clearance, and that J is lower.
 """
 
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from optim.audit.checks import AuditReport, audit_path
-from optim.model.metrics import metrics
+from optim.audit.checks import audit_path
+from optim.audit.report import AuditReport
+from optim.model.metrics import Metrics, metrics
 from optim.model.problem import Problem
 from replay.base.errors import ReplayError
-from replay.run.results import LEAST_GAIN, lacks_clearance, path_from_document, require_outline
+from replay.run.results import gains, lacks_clearance, path_from_document, require_outline
 from replay.run.stored import problem_of
 
 _AGREEMENT = 1e-6
@@ -74,14 +76,14 @@ def _problem(document: Mapping[str, Any]) -> Problem | None:
         return None
 
 
-def _measured(problem: Problem | None, path: Mapping[str, Any]) -> Mapping[str, float]:
-    """The metrics of a path; none where it or the problem cannot be used, which the audit tells by itself."""
+def _measured(problem: Problem | None, path: Mapping[str, Any]) -> Metrics | None:
+    """The metrics of a path; None where it or the problem cannot be used, which the audit tells by itself."""
     if problem is None:
-        return {}
+        return None
     try:
         return metrics(problem.vehicle, problem.scene, path_from_document(path), problem.weights)
     except (ReplayError, ValueError):
-        return {}
+        return None
 
 
 def _stored_objective(stored: Any) -> Any:
@@ -115,8 +117,9 @@ def _disagreements(stored: Any, report: AuditReport) -> Iterator[str]:
         yield from _other_numbers(f"the stored check {name!r}: limit of ", check.get("limits"), again.limits)
 
 
-def _wrong_metrics(stored: Any, measured: Mapping[str, float]) -> Iterator[str]:
-    yield from _other_numbers("the stored metric ", stored, measured)
+def _wrong_metrics(stored: Any, measured: Metrics | None) -> Iterator[str]:
+    found = {} if measured is None else dataclasses.asdict(measured)
+    yield from _other_numbers("the stored metric ", stored, found)
 
 
 def _other_numbers(where: str, stored: Any, found: Mapping[str, float]) -> Iterator[str]:
@@ -149,16 +152,16 @@ def _unfounded(
     if not report.passed:
         yield "the status is 'improved', but the audit does not pass"
     before, after = (_recomputed_objective(audited) for audited in (recorded, report))
-    if recorded.passed and not after < before * (1.0 - LEAST_GAIN):
+    if recorded.passed and not gains(before, after):
         yield f"the status is 'improved', but J is {after:.9g} and the recorded path's {before:.9g}"
 
 
-def _too_close(method: Mapping[str, Any], problem: Problem | None, measured: Mapping[str, float]) -> Iterator[str]:
+def _too_close(method: Mapping[str, Any], problem: Problem | None, measured: Metrics | None) -> Iterator[str]:
     """Whether a path that is called improved lacks clearance."""
-    if problem is None or not measured or method["status"] != "improved":
+    if problem is None or measured is None or method["status"] != "improved":
         return
     if lacks_clearance(problem, measured):
-        found, required = measured["min_clearance"], problem.required_clearance
+        found, required = measured.min_clearance, problem.required_clearance
         yield f"the status is 'improved', but the path's clearance is {found:.4f} m, required {required:.4f} m"
 
 

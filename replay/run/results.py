@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from optim.model.metrics import Metrics
 from optim.model.path import Path, Segment
 from optim.model.scene import Scene
 from replay.base.errors import ReplayError
@@ -43,9 +44,14 @@ CLEARANCE_SLACK = 1e-4
 """By which the clearance of what is "improved" may fall short of the required one [m]; methods keep 1e-6."""
 
 
-def lacks_clearance(problem: "Problem", measured: Mapping[str, float]) -> bool:
+def gains(before: float, after: float) -> bool:
+    """Whether J `after` is lower than J `before` by more than rounding."""
+    return after < before * (1.0 - LEAST_GAIN)
+
+
+def lacks_clearance(problem: "Problem", measured: Metrics) -> bool:
     """Whether a path with these metrics comes nearer to obstacles than a result may."""
-    return measured["min_clearance"] < problem.required_clearance - CLEARANCE_SLACK
+    return measured.min_clearance < problem.required_clearance - CLEARANCE_SLACK
 
 
 def to_document(run: "Run", settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -62,8 +68,8 @@ def to_document(run: "Run", settings: Mapping[str, Any] | None = None) -> dict[s
         "scene": scene_to_document(problem.scene, problem.margin),
         "weights": dataclasses.asdict(problem.weights),
         "recorded": path_to_document(problem.recorded),
-        "recorded_metrics": run.recorded_metrics,
-        "recorded_audit": run.recorded_audit,
+        "recorded_metrics": dataclasses.asdict(run.recorded_metrics),
+        "recorded_audit": run.recorded_audit.to_dict(),
         "read": dataclasses.asdict(case.read),
         "methods": [_method(method) for method in run.methods],
     }
@@ -184,8 +190,14 @@ def _wrong_fields(data: Mapping[str, Any], outline: Mapping[str, type], where: s
 
 
 def _method(method: "MethodRun") -> dict[str, Any]:
-    fields = ("name", "status", "stop", "reason", "metrics", "audit", "iterations", "wall_s", "history", "rejected")
-    return {name: getattr(method, name) for name in fields} | {"path": path_to_document(method.path)}
+    fields = ("name", "status", "stop", "reason", "iterations", "wall_s")
+    return {name: getattr(method, name) for name in fields} | {
+        "path": path_to_document(method.path),
+        "metrics": dataclasses.asdict(method.metrics),
+        "audit": method.audit.to_dict(),
+        "rejected": None if method.rejected is None else method.rejected.to_dict(),
+        "history": [vars(record) for record in method.history],
+    }
 
 
 def tool() -> dict[str, Any]:

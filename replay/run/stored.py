@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from optim.audit.report import AuditReport
+from optim.model.metrics import UNITS, Metrics
 from optim.model.objective import Weights
 from optim.model.problem import Problem
+from optim.model.result import IterateRecord
 from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import frozen
@@ -48,7 +51,7 @@ def _run(document: Mapping[str, Any]) -> Run:
     return Run(
         case=case,
         recorded_metrics=_metrics(document["recorded_metrics"]),
-        recorded_audit=_audit(document["recorded_audit"]),
+        recorded_audit=AuditReport.from_dict(document["recorded_audit"]),
         methods=tuple(_method(method) for method in document["methods"]),
         options=dict(tool.get("options") or {}),
         seed=int(tool.get("seed") or 0),
@@ -98,51 +101,32 @@ def _method(stored: Mapping[str, Any]) -> MethodRun:
         reason=str(stored.get("reason")),
         path=path_from_document(stored["path"]),
         metrics=_metrics(stored["metrics"]),
-        audit=_audit(stored["audit"]),
+        audit=AuditReport.from_dict(stored["audit"]),
         iterations=int(stored.get("iterations") or 0),
         wall_s=_number(stored.get("wall_s")),
-        history=[_row(row) for row in stored.get("history") or ()],
+        history=tuple(_record(record) for record in stored.get("history") or ()),
         iterates=(),
-        rejected=None if stored.get("rejected") is None else _audit(stored["rejected"]),
+        rejected=None if stored.get("rejected") is None else AuditReport.from_dict(stored["rejected"]),
     )
 
 
-def _audit(stored: Mapping[str, Any]) -> dict[str, Any]:
-    """A report as `AuditReport.to_dict` gives it."""
-    checks = {name: _check(check) for name, check in (stored.get("checks") or {}).items()}
-    return {**stored, "passed": bool(stored.get("passed")), "checks": checks}
-
-
-def _check(stored: Mapping[str, Any]) -> dict[str, Any]:
-    numbers = {
-        part: {name: None if value is None else float(value) for name, value in (stored.get(part) or {}).items()}
-        for part in ("values", "limits")
-    }
-    said = {"passed": bool(stored.get("passed")), "sentence": str(stored.get("sentence"))}
-    return {**said, **numbers, "place": None if stored.get("place") is None else _place(stored["place"])}
-
-
-def _place(stored: Mapping[str, Any]) -> dict[str, Any]:
-    kinds = {"segment": int, "s": float, "body": str, "polygon": int}
-    return {name: kind(stored[name]) for name, kind in kinds.items() if stored.get(name) is not None}
-
-
-def _metrics(stored: Mapping[str, Any]) -> dict[str, float]:
+def _metrics(stored: Mapping[str, Any]) -> Metrics:
     """JSON has no infinity: a clearance of null is that of an empty scene. Those that came later may be missing."""
-    empty = {"min_clearance": math.inf}
-    found = {name: _number(value, empty.get(name, math.nan)) for name, value in stored.items()}
     for name in ("objective", "length", "cusps"):
-        if not math.isfinite(found[name]):
-            raise ValueError(f"{name} is {found[name]}, expected a number")
-    return {**found, "min_clearance": found["min_clearance"]}
+        if not math.isfinite(_number(stored[name])):
+            raise ValueError(f"{name} is {_number(stored[name])}, expected a number")
+    special = ("cusps", "min_clearance")
+    found = {name: _number(stored.get(name)) for name in UNITS if name not in special}
+    free = _number(stored["min_clearance"], math.inf)
+    return Metrics(**found, cusps=int(stored["cusps"]), min_clearance=free)
 
 
-def _row(stored: Mapping[str, Any]) -> dict[str, Any]:
-    """One iterate's scalars."""
+def _record(stored: Mapping[str, Any]) -> IterateRecord:
     residuals = {str(name): _number(value) for name, value in (stored.get("residuals") or {}).items()}
-    numbers = {name: _number(stored.get(name)) for name in ("objective", "violation", "trust_region", "solver_s")}
+    names = ("objective", "violation", "step", "trust_region", "solver_s")
+    numbers = {name: _number(stored.get(name)) for name in names}
     counted = {"iteration": int(stored["iteration"]), "accepted": bool(stored.get("accepted", True))}
-    return {**stored, **numbers, **counted, "residuals": residuals}
+    return IterateRecord(**numbers, **counted, residuals=residuals)
 
 
 def _number(value: Any, absent: float = math.nan) -> float:

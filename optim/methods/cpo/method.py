@@ -31,6 +31,7 @@ from optim.model.path import Path, Segment
 from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Picture, Result, Stop, ignore
 from optim.numerics.arrays import frozen
+from optim.numerics.checks import require
 
 _DEAREST = 1000.0  # of a cell, equation (18)
 _LEAST_GAIN = 1e-6  # of J, relative: less is rounding
@@ -93,22 +94,21 @@ class Cpo:
 
     def __post_init__(self) -> None:
         positive = ("d_max", "excess", "resolution", "map_d_max", "map_resolution", "spacing", "max_step")
-        expected = {
-            "obstacles": ("discs or points", self.obstacles in ("discs", "points")),
-            "minimiser": ("bfgs or lbfgs", self.minimiser in ("bfgs", "lbfgs")),
-            "sample_spacing": ("more than 0 and at most 0.1 m", 0.0 < self.sample_spacing <= 0.1),
-            "tolerance": ("more than 0 and less than 1", 0.0 < self.tolerance < 1.0),
-            "weight_smoothness": ("a number above 0", 0.0 < self.weight_smoothness < math.inf),
+        require(
+            self,
+            "cpo",
+            obstacles=("discs or points", self.obstacles in ("discs", "points")),
+            minimiser=("bfgs or lbfgs", self.minimiser in ("bfgs", "lbfgs")),
+            sample_spacing=("more than 0 and at most 0.1 m", 0.0 < self.sample_spacing <= 0.1),
+            tolerance=("more than 0 and less than 1", 0.0 < self.tolerance < 1.0),
+            weight_smoothness=("a number above 0", 0.0 < self.weight_smoothness < math.inf),
             **{name: ("1 or more", getattr(self, name) >= 1) for name in ("max_iterations", "sweeps", "rounds")},
             **{name: ("a length above 0 m", 0.0 < getattr(self, name) < math.inf) for name in positive},
             **{
                 name: ("a number of 0 or more", 0.0 <= getattr(self, name) < math.inf)
                 for name in ("weight_obstacle", "weight_curvature", "weight_change")
             },
-        }
-        for name, (words, is_valid) in expected.items():
-            if not is_valid:
-                raise ValueError(f"cpo: {name} is {getattr(self, name)!r}, expected {words}")
+        )
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         """Improve the path segment by segment; ends, gear changes and `problem.required_clearance` are kept."""

@@ -45,6 +45,11 @@ class Units:
     length: float
     """The unit of length [m]."""
 
+    @staticmethod
+    def of(problem: Problem) -> "Units":
+        """Wheelbases from the first pose of the initial path."""
+        return Units(origin=problem.initial.start[:2].copy(), length=problem.vehicle.wheelbase)
+
 
 class _Columns:
     """Unknowns, or constraints, with their bounds, collected block by block."""
@@ -143,6 +148,18 @@ def build(problem: Problem, knots: Knots, required: Array, pairs: Pairs, units: 
     _clearances(problem, knots, required, pairs, q, x, g, units)
     nlp = {"x": ca.vertcat(*x.symbols), "f": cost, "g": ca.vertcat(*g.symbols)}
     return Program(nlp, *(np.concatenate(parts) for parts in (x.start, x.low, x.high, g.low, g.high)))
+
+
+def knots_at(x: Array, like: Knots, units: Units) -> Knots:
+    """The knots in a vector of the program's unknowns; first and last state and the gears are those of `like`."""
+    count = len(like.phi)
+    states = x[: 4 * count].reshape(count, 4).copy()
+    states[:, :2] = states[:, :2] * units.length + units.origin
+    states[0], states[-1] = like.states[0], like.states[-1]
+    h = np.zeros(len(like.h))
+    for index, run in enumerate(like.runs):
+        h[run] = x[5 * count + index] * units.length / (run.stop - run.start)
+    return Knots(states, x[4 * count : 5 * count], h, like.gear)
 
 
 def _objective(weights: Weights, knots: Knots, phi: Any, h: Any, length: float) -> Any:

@@ -1,11 +1,10 @@
-"""A copy of an MCAP log with messages added: every byte of its data section as it was, then the new records.
+"""A copy of an MCAP log with messages added: its data section byte for byte, then the new records.
 
-The index and the summary at the end of the file are made anew, since they state what a file holds. Where the log has
-chunks, the new messages are in a chunk too: a reader that uses the index looks into chunks only.
+The index and the summary at the end of the file are written again, since they state what a file holds. Where the log
+has chunks, the new messages are in a chunk too: a reader that uses the index looks into chunks only.
 """
 
 import pathlib
-import struct
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,10 +13,13 @@ from typing import BinaryIO, Final
 from replay.base.errors import LogError
 from replay.logs.container import records as r
 from replay.logs.container.compression import BadChunk, unpack_chunk
-from replay.logs.container.records import Cursor, Limits, Log, Malformed
+from replay.logs.container.log import Log, ReadLimits
+from replay.logs.container.records import Malformed, Opcode, RecordStream
 
 _LARGEST_ID: Final = 65535
 _BLOCK: Final = 1 << 20
+_MOST_HEAD: Final = 1 << 16
+"""Most bytes of a chunk or attachment that are read for its index [bytes]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -26,45 +28,96 @@ class NewTopic:
 
     topic: str
     schema: str
-    """Name of the messages' type."""
+    """Name of the message type."""
     definition: str
-    """Of the type, in the encoding `ros2msg`."""
+    """Message definition, encoded as `ros2msg`."""
     messages: Sequence[tuple[int, bytes]]
     """Log time [ns] and payload (`cdr`) of each."""
 
 
+@dataclass
+class _Copied(r.McapRecord):
+    """A record as the log has it: a later version of the format may have more fields."""
+
+    opcode: Opcode
+    body: bytes
+
+    def write(self, stream: r.RecordBuilder) -> None:
+        """Append the record."""
+        stream.start_record(self.opcode)
+        stream.write(self.body)
+        stream.finish_record()
+
+
 @dataclass(kw_only=True)
 class _Index:
-    """What the summary says about the data section, gathered on the way."""
+    """What the summary states about the data section."""
 
-    schemas: dict[int, bytes] = field(default_factory=dict)
-    channels: dict[int, bytes] = field(default_factory=dict)
-    """Whole records, the first of each id."""
-    chunks: list[bytes] = field(default_factory=list)
-    attachments: list[bytes] = field(default_factory=list)
-    metadata: list[bytes] = field(default_factory=list)
-    """Records of the summary."""
-    num_chunks: int = 0
+    schemas: dict[int, r.McapRecord] = field(default_factory=dict)
+    channels: dict[int, r.McapRecord] = field(default_factory=dict)
+    """The first record of each id."""
+    chunks: list[r.ChunkIndex] = field(default_factory=list)
+    attachments: list[r.AttachmentIndex] = field(default_factory=list)
+    metadata: list[r.MetadataIndex] = field(default_factory=list)
     times: list[int] = field(default_factory=list)
-    """First and last log times of what holds messages [ns]."""
+    """First and last log time [ns]; empty without messages."""
     counts: dict[int, int] = field(default_factory=dict)
+    """Messages per channel."""
 
     def cover(self, *times: int) -> None:
         """Widen the span of `times` by these [ns]."""
         self.times = [min([*self.times, *times]), max([*self.times, *times])]
 
+    def define(self, opcode: int, body: bytes) -> None:
+        """Note a Schema or Channel record. Raises Malformed."""
+        if opcode == Opcode.SCHEMA:
+            number, known = r.parsed(r.Schema, RecordStream(body)).id, self.schemas
+        else:
+            number, known = r.parsed(r.Channel, RecordStream(body)).id, self.channels
+        known.setdefault(number, _Copied(Opcode(opcode), body))
+
+    def add_chunk(self, index: r.ChunkIndex) -> None:
+        """Note a chunk; its message indexes may follow."""
+        self.chunks.append(index)
+        if index.uncompressed_size:
+            self.cover(index.message_start_time, index.message_end_time)
+
+    def statistics(self) -> r.Statistics:
+        """The Statistics record."""
+        first, last = self.times or (0, 0)
+        return r.Statistics(
+            message_count=sum(self.counts.values()),
+            schema_count=len(self.schemas),
+            channel_count=len(self.channels),
+            attachment_count=len(self.attachments),
+            metadata_count=len(self.metadata),
+            chunk_count=len(self.chunks),
+            message_start_time=first,
+            message_end_time=last,
+            channel_message_counts=dict(sorted(self.counts.items())),
+        )
+
 
 def append(log: Log, target: BinaryIO, topics: Sequence[NewTopic], metadata: Mapping[str, Mapping[str, str]]) -> None:
     """Write a copy of a log, and after its records new topics and metadata records.
 
-    Raises LogError (E_EXPORT) where part of the log is lost: what is damaged cannot be copied and read on.
+    Raises LogError (E_EXPORT) where part of the log is lost or damaged: the copy would be damaged too.
     """
     refuse_lost(log)
+    index = _Index(counts=dict(log.counts))
     try:
         with log.path.open("rb") as source:
-            _copy(source, target, log, topics, metadata)
+            end = _walk(source, index)
+            source.seek(0)
+            out = _Output(target)
+            for start in range(0, end, _BLOCK):
+                out.write(source.read(min(_BLOCK, end - start)))
     except (Malformed, BadChunk, EOFError) as error:
         raise LogError("E_EXPORT", log.path, f"it cannot be copied: {error}") from error
+    _write_topics(out, index, {channel.schema_id for channel in log.channels}, topics)
+    _write_metadata(out, index, metadata)
+    out.add(r.DataEnd(out.crc))
+    _write_summary(out, index)
 
 
 def refuse_lost(log: Log) -> None:
@@ -75,11 +128,20 @@ def refuse_lost(log: Log) -> None:
 
 
 def write_log(target: BinaryIO, topics: Sequence[NewTopic], metadata: Mapping[str, Mapping[str, str]]) -> None:
-    """Write a log of new topics and metadata records alone, in one chunk: rosbag2 finds messages by their index."""
-    index, out = _Index(), _Output(target)
-    out.write(r.MAGIC + _record(r.HEADER, _text("ros2") + _text("")))
-    _write_topics(out, index, set(), topics, chunked=True)
-    _write_end(out, index, metadata)
+    """Write a log of new topics and metadata records alone, in chunks: rosbag2 finds messages by their index."""
+    writer = r.Writer(target, compression=r.CompressionType.NONE, enable_data_crcs=True)
+    writer.start(profile="ros2", library="")
+    schemas = {topic.schema: topic.definition for topic in topics}
+    ids = {name: writer.register_schema(name, "ros2msg", text.encode()) for name, text in schemas.items()}
+    messages: list[tuple[int, int, bytes]] = []
+    for topic in topics:
+        channel = writer.register_channel(topic.topic, "cdr", ids[topic.schema])
+        messages += [(time, channel, data) for time, data in topic.messages]
+    for time, channel, data in sorted(messages, key=lambda message: message[0]):
+        writer.add_message(channel, log_time=time, publish_time=time, data=data)
+    for name, values in metadata.items():
+        writer.add_metadata(name, dict(values))
+    writer.finish()
 
 
 def time_span(path: pathlib.Path) -> list[int]:
@@ -90,127 +152,94 @@ def time_span(path: pathlib.Path) -> list[int]:
     return index.times
 
 
-def _copy(
-    source: BinaryIO, target: BinaryIO, log: Log, topics: Sequence[NewTopic], metadata: Mapping[str, Mapping[str, str]]
-) -> None:
-    index = _Index(counts=dict(log.counts))
-    end = _walk(source, index)
-    source.seek(0)
-    out = _Output(target)
-    for start in range(0, end, _BLOCK):
-        out.write(source.read(min(_BLOCK, end - start)))
-    used = {channel.schema_id for channel in log.channels}
-    _write_topics(out, index, used, topics, chunked=index.num_chunks > 0)
-    _write_end(out, index, metadata)
-
-
-def _write_end(out: "_Output", index: _Index, metadata: Mapping[str, Mapping[str, str]]) -> None:
-    """What follows the messages: metadata records, the end of the data section, summary."""
-    for name, values in metadata.items():
-        body = _text(name) + _text_map(values)
-        index.metadata.append(_metadata_index(out.position, len(body), name))
-        out.write(_record(r.METADATA, body))
-    out.write(_record(r.DATA_END, struct.pack("<I", out.crc)))
-    _write_summary(out, index)
-
-
 # ---- what is there
 
 
 def _walk(source: BinaryIO, index: _Index) -> int:
-    """Gather what the summary needs; where the data section ends [bytes]."""
+    """Fill `index` from the data section; return where that ends [bytes]. Raises Malformed, BadChunk, EOFError."""
     source.seek(len(r.MAGIC))
-    chunks: list[tuple[int, int]] = []
-    pending: _PendingChunk | None = None
+    open_chunk: r.ChunkIndex | None = None
     while True:
         at = source.tell()
         opcode, length = r.RECORD_PREFIX.unpack(_exactly(source, r.RECORD_PREFIX.size))
-        if opcode != r.MESSAGE_INDEX and pending is not None:
-            index.chunks.append(pending.record(at))
-            pending = None
-        if opcode == r.DATA_END:
+        if opcode != Opcode.MESSAGE_INDEX and open_chunk is not None:
+            _close(open_chunk, at)
+            open_chunk = None
+        if opcode == Opcode.DATA_END:
             break
-        if opcode == r.CHUNK:
-            chunks.append((at, length))
-            pending = _PendingChunk(at, length, _exactly(source, min(length, 256)), index)
-        elif opcode == r.MESSAGE_INDEX and pending is not None:
-            pending.offsets[int.from_bytes(_exactly(source, 2), "little")] = at
-        elif opcode in (r.SCHEMA, r.CHANNEL):
-            _define(index, opcode, _exactly(source, length))
-        elif opcode == r.MESSAGE:
-            time = r.MESSAGE_PREFIX.unpack(_exactly(source, r.MESSAGE_PREFIX.size))[2]
-            index.cover(time)
-        elif opcode == r.ATTACHMENT:
-            index.attachments.append(_attachment_index(source, at, length))
-        elif opcode == r.METADATA:
-            name = Cursor(_exactly(source, length)).text("name of metadata")
-            index.metadata.append(_metadata_index(at, length, name))
+        if opcode == Opcode.CHUNK:
+            open_chunk = _chunk_index(_exactly(source, min(length, _MOST_HEAD)), at, length)
+            index.add_chunk(open_chunk)
+        elif opcode == Opcode.MESSAGE_INDEX and open_chunk is not None:
+            open_chunk.message_index_offsets[int.from_bytes(_exactly(source, 2), "little")] = at
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            index.define(opcode, _exactly(source, length))
+        elif opcode == Opcode.MESSAGE:
+            index.cover(r.MESSAGE_PREFIX.unpack(_exactly(source, r.MESSAGE_PREFIX.size))[2])
+        elif opcode == Opcode.ATTACHMENT:
+            index.attachments.append(_attachment_index(_exactly(source, min(length, _MOST_HEAD)), at, length))
+        elif opcode == Opcode.METADATA:
+            name = r.parsed(r.Metadata, RecordStream(_exactly(source, length))).name
+            index.metadata.append(r.MetadataIndex(at, r.RECORD_PREFIX.size + length, name))
         source.seek(at + r.RECORD_PREFIX.size + length)
     if not set(index.counts) <= set(index.channels):  # most writers define channels within chunks
-        for place, size in chunks:
-            _definitions_within(source, place, size, index)
+        for chunk in index.chunks:
+            _define_within(source, chunk, index)
     return at
 
 
-class _PendingChunk:
-    """A chunk whose message indexes are still to come."""
-
-    def __init__(self, at: int, length: int, head: bytes, index: _Index) -> None:
-        self._at, self._length = at, r.RECORD_PREFIX.size + length
-        cursor = Cursor(head)
-        self._times = cursor.u64("start time"), cursor.u64("end time")
-        self._size, _ = cursor.u64("uncompressed size"), cursor.u32("checksum")
-        self._compression = cursor.text("compression")
-        self._packed = cursor.u64("records length")
-        self.offsets: dict[int, int] = {}
-        index.num_chunks += 1
-        if self._size:
-            index.cover(*self._times)
-
-    def record(self, end: int) -> bytes:
-        """The Chunk Index; `end` is where the message indexes end."""
-        offsets = b"".join(struct.pack("<HQ", *item) for item in self.offsets.items())
-        return _record(
-            r.CHUNK_INDEX,
-            struct.pack("<QQQQ", *self._times, self._at, self._length)
-            + struct.pack("<I", len(offsets))
-            + offsets
-            + struct.pack("<Q", end - self._at - self._length)
-            + _text(self._compression)
-            + struct.pack("<QQ", self._packed, self._size),
-        )
+def _chunk_index(head: bytes, at: int, length: int) -> r.ChunkIndex:
+    """The index of a chunk whose body begins with `head`; its message indexes are still to come. Raises Malformed."""
+    stream = RecordStream(head)
+    start, end, size, _ = stream.read8(), stream.read8(), stream.read8(), stream.read4()
+    compression, packed = stream.read_prefixed_string(), stream.read8()
+    return r.ChunkIndex(
+        message_start_time=start,
+        message_end_time=end,
+        chunk_start_offset=at,
+        chunk_length=r.RECORD_PREFIX.size + length,
+        message_index_offsets={},
+        message_index_length=0,
+        compression=compression,
+        compressed_size=packed,
+        uncompressed_size=size,
+    )
 
 
-def _define(index: _Index, opcode: int, body: bytes) -> None:
-    known = index.schemas if opcode == r.SCHEMA else index.channels
-    known.setdefault(Cursor(body).u16("id"), _record(opcode, body))
+def _close(index: r.ChunkIndex, end: int) -> None:
+    """Note the position at which a chunk's message indexes end."""
+    index.message_index_length = end - index.chunk_start_offset - index.chunk_length
 
 
-def _definitions_within(source: BinaryIO, at: int, length: int, index: _Index) -> None:
-    source.seek(at + r.RECORD_PREFIX.size)
-    limits = Limits()
-    data, _, _ = unpack_chunk(_exactly(source, length), limits.chunk, limits.total)
+def _define_within(source: BinaryIO, chunk: r.ChunkIndex, index: _Index) -> None:
+    """Note the schemas and channels that a chunk defines."""
+    source.seek(chunk.chunk_start_offset + r.RECORD_PREFIX.size)
+    limits = ReadLimits()
+    body = _exactly(source, chunk.chunk_length - r.RECORD_PREFIX.size)
+    data, _, _ = unpack_chunk(body, limits.chunk, limits.total)
     position = 0
     while position < len(data):
         opcode, size = r.RECORD_PREFIX.unpack_from(data, position)
         position += r.RECORD_PREFIX.size
-        if opcode in (r.SCHEMA, r.CHANNEL):
-            _define(index, opcode, data[position : position + size])
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            index.define(opcode, data[position : position + size])
         position += size
 
 
-def _metadata_index(at: int, length: int, name: str) -> bytes:
-    """A Metadata Index of a record at a place, with a body of `length` bytes."""
-    return _record(r.METADATA_INDEX, struct.pack("<QQ", at, r.RECORD_PREFIX.size + length) + _text(name))
-
-
-def _attachment_index(source: BinaryIO, at: int, length: int) -> bytes:
-    cursor = Cursor(_exactly(source, min(length, 1 << 16)))
-    log_time, create_time = cursor.u64("log time"), cursor.u64("create time")
-    name, media_type = cursor.text("name"), cursor.text("media type")
-    size = r.RECORD_PREFIX.size + length
-    fields = struct.pack("<QQQQQ", at, size, log_time, create_time, cursor.u64("data length"))
-    return _record(r.ATTACHMENT_INDEX, fields + _text(name) + _text(media_type))
+def _attachment_index(head: bytes, at: int, length: int) -> r.AttachmentIndex:
+    """The index of an attachment whose body begins with `head`. Raises Malformed."""
+    stream = RecordStream(head)
+    log_time, create_time = stream.read8(), stream.read8()
+    name, media_type = stream.read_prefixed_string(), stream.read_prefixed_string()
+    return r.AttachmentIndex(
+        offset=at,
+        length=r.RECORD_PREFIX.size + length,
+        log_time=log_time,
+        create_time=create_time,
+        data_size=stream.read8(),
+        name=name,
+        media_type=media_type,
+    )
 
 
 def _exactly(source: BinaryIO, count: int) -> bytes:
@@ -223,8 +252,15 @@ def _exactly(source: BinaryIO, count: int) -> bytes:
 # ---- what is new
 
 
+def _bytes(*records: r.McapRecord) -> bytes:
+    builder = r.RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return builder.end()
+
+
 class _Output:
-    """Writes on, and knows where it is and the checksum of what it wrote."""
+    """Appends to a file; counts its position and the checksum of what was written."""
 
     def __init__(self, target: BinaryIO) -> None:
         self._target = target
@@ -235,31 +271,41 @@ class _Output:
         self.position += len(data)
         self.crc = zlib.crc32(data, self.crc)
 
+    def add(self, *records: r.McapRecord) -> None:
+        """Write records."""
+        self.write(_bytes(*records))
 
-def _write_topics(out: _Output, index: _Index, used: set[int], topics: Sequence[NewTopic], *, chunked: bool) -> None:
-    """`used`: ids that channels of the log name as their schemas', whether there are such schemas or not."""
-    schemas = list(dict.fromkeys(topic.schema for topic in topics))
-    schema_ids = dict(zip(schemas, _free(used | set(index.schemas), len(schemas)), strict=True))
-    definitions: list[bytes] = []
-    for topic in topics:
-        number = schema_ids[topic.schema]
-        if number not in index.schemas:
-            body = _text(topic.schema) + _text("ros2msg") + _text(topic.definition)
-            _define(index, r.SCHEMA, struct.pack("<H", number) + body)
-            definitions.append(index.schemas[number])
-    channel_ids = _free({*index.channels, *index.counts}, len(topics))
-    messages: list[tuple[int, int, bytes]] = []
-    for topic, number in zip(topics, channel_ids, strict=True):
-        body = _text(topic.topic) + _text("cdr") + _text_map({})
-        _define(index, r.CHANNEL, struct.pack("<HH", number, schema_ids[topic.schema]) + body)
-        definitions.append(index.channels[number])
+
+def _write_topics(out: _Output, index: _Index, used: set[int], topics: Sequence[NewTopic]) -> None:
+    """Write schemas, channels and messages; `used`: ids that channels of the log give as those of their schemas."""
+    definitions = {topic.schema: topic.definition for topic in topics}
+    ids = _free(used | set(index.schemas), len(definitions))
+    schemas = {
+        name: r.Schema(id=number, name=name, encoding="ros2msg", data=text.encode())
+        for number, (name, text) in zip(ids, definitions.items(), strict=True)
+    }
+    index.schemas |= {schema.id: schema for schema in schemas.values()}
+    messages: list[r.Message] = []
+    written: list[r.McapRecord] = []
+    for topic, number in zip(topics, _free({*index.channels, *index.counts}, len(topics)), strict=True):
+        schema = schemas[topic.schema]
+        if schema not in written:
+            written.append(schema)
+        channel = r.Channel(id=number, topic=topic.topic, message_encoding="cdr", metadata={}, schema_id=schema.id)
+        written.append(channel)
+        index.channels[number] = channel
         index.counts[number] = len(topic.messages)
-        messages += [(time, number, data) for time, data in topic.messages]
-    for definition in definitions:
-        out.write(definition)
-    messages.sort(key=lambda message: message[0])
-    if messages:
-        (_write_chunk if chunked else _write_messages)(out, index, messages)
+        messages += [
+            r.Message(channel_id=number, log_time=time, publish_time=time, sequence=0, data=data)
+            for time, data in topic.messages
+        ]
+    out.add(*written)
+    messages.sort(key=lambda message: message.log_time)
+    if messages and index.chunks:
+        _write_chunk(out, index, messages)
+    elif messages:
+        out.add(*messages)
+        index.cover(messages[0].log_time, messages[-1].log_time)
 
 
 def _free(used: Iterable[int], count: int) -> list[int]:
@@ -268,68 +314,59 @@ def _free(used: Iterable[int], count: int) -> list[int]:
     return [number for number in range(_LARGEST_ID, 0, -1) if number not in taken][:count]
 
 
-def _message(time: int, channel: int, data: bytes) -> bytes:
-    return _record(r.MESSAGE, r.MESSAGE_PREFIX.pack(channel, 0, time, time) + data)
-
-
-def _write_messages(out: _Output, index: _Index, messages: Sequence[tuple[int, int, bytes]]) -> None:
+def _write_chunk(out: _Output, index: _Index, messages: Sequence[r.Message]) -> None:
+    """Write messages, sorted by time, as one chunk without compression, and their index."""
+    entries = {message.channel_id: r.MessageIndex(message.channel_id, []) for message in messages}
+    builder = r.RecordBuilder()
     for message in messages:
-        out.write(_message(*message))
-    index.cover(messages[0][0], messages[-1][0])
+        entries[message.channel_id].records.append((message.log_time, builder.count))
+        message.write(builder)
+    content = builder.end()
+    chunk = r.Chunk(
+        compression="",
+        data=content,
+        message_start_time=messages[0].log_time,
+        message_end_time=messages[-1].log_time,
+        uncompressed_crc=zlib.crc32(content),
+        uncompressed_size=len(content),
+    )
+    data = _bytes(chunk)
+    head = data[r.RECORD_PREFIX.size :][:_MOST_HEAD]
+    new = _chunk_index(head, out.position, len(data) - r.RECORD_PREFIX.size)
+    out.write(data)
+    for entry in entries.values():
+        new.message_index_offsets[entry.channel_id] = out.position
+        out.add(entry)
+    _close(new, out.position)
+    index.add_chunk(new)
 
 
-def _write_chunk(out: _Output, index: _Index, messages: Sequence[tuple[int, int, bytes]]) -> None:
-    content, entries = b"", {channel: b"" for _, channel, _ in messages}
-    for time, channel, data in messages:
-        entries[channel] += struct.pack("<QQ", time, len(content))
-        content += _message(time, channel, data)
-    head = struct.pack("<QQQI", messages[0][0], messages[-1][0], len(content), zlib.crc32(content))
-    head += _text("") + struct.pack("<Q", len(content))
-    chunk = _PendingChunk(out.position, len(head) + len(content), head, index)
-    out.write(_record(r.CHUNK, head + content))
-    for channel, each in entries.items():
-        chunk.offsets[channel] = out.position
-        out.write(_record(r.MESSAGE_INDEX, struct.pack("<HI", channel, len(each)) + each))
-    index.chunks.append(chunk.record(out.position))
+def _write_metadata(out: _Output, index: _Index, metadata: Mapping[str, Mapping[str, str]]) -> None:
+    for name, values in metadata.items():
+        data = _bytes(r.Metadata(name, dict(values)))
+        index.metadata.append(r.MetadataIndex(out.position, len(data), name))
+        out.write(data)
 
 
 def _write_summary(out: _Output, index: _Index) -> None:
     start, out.crc = out.position, 0
-    counts = b"".join(struct.pack("<HQ", *item) for item in sorted(index.counts.items()))
-    numbers = (len(index.schemas), len(index.channels), len(index.attachments), len(index.metadata), index.num_chunks)
-    statistics = struct.pack("<QHIIII", sum(index.counts.values()), *numbers)
-    statistics += struct.pack("<QQI", *(index.times or [0, 0]), len(counts)) + counts
-    groups = {
-        r.SCHEMA: [index.schemas[number] for number in sorted(index.schemas)],
-        r.CHANNEL: [index.channels[number] for number in sorted(index.channels)],
-        r.STATISTICS: [_record(r.STATISTICS, statistics)],
-        r.CHUNK_INDEX: index.chunks,
-        r.ATTACHMENT_INDEX: index.attachments,
-        r.METADATA_INDEX: index.metadata,
+    groups: dict[Opcode, Sequence[r.McapRecord]] = {
+        Opcode.SCHEMA: [index.schemas[number] for number in sorted(index.schemas)],
+        Opcode.CHANNEL: [index.channels[number] for number in sorted(index.channels)],
+        Opcode.STATISTICS: [index.statistics()],
+        Opcode.CHUNK_INDEX: index.chunks,
+        Opcode.ATTACHMENT_INDEX: index.attachments,
+        Opcode.METADATA_INDEX: index.metadata,
     }
     offsets = []
     for opcode, group in groups.items():
         if group:
-            content = b"".join(group)
-            offsets.append(_record(r.SUMMARY_OFFSET, struct.pack("<BQQ", opcode, out.position, len(content))))
-            out.write(content)
+            at = out.position
+            out.add(*group)
+            offsets.append(r.SummaryOffset(opcode, at, out.position - at))
     offset_start = out.position
-    out.write(b"".join(offsets))
-    head = r.RECORD_PREFIX.pack(r.FOOTER, 20) + struct.pack("<QQ", start, offset_start)
-    out.write(head)
-    out.write(struct.pack("<I", out.crc))
+    out.add(*offsets)
+    footer = r.Footer(start, offset_start, 0)
+    footer.summary_crc = zlib.crc32(_bytes(footer)[:-4], out.crc)
+    out.add(footer)
     out.write(r.MAGIC)
-
-
-def _record(opcode: int, body: bytes) -> bytes:
-    return r.RECORD_PREFIX.pack(opcode, len(body)) + body
-
-
-def _text(text: str) -> bytes:
-    data = text.encode("utf-8")
-    return struct.pack("<I", len(data)) + data
-
-
-def _text_map(values: Mapping[str, str]) -> bytes:
-    data = b"".join(_text(key) + _text(value) for key, value in values.items())
-    return struct.pack("<I", len(data)) + data

@@ -14,7 +14,7 @@ from replay.base.errors import LogError, ReplayError
 from replay.base.files import WRITE_ERROR, atomic_write
 from replay.logs.container.append import NewTopic, refuse_lost, time_span, write_log
 from replay.logs.container.folder import METADATA, open_log, parts_of
-from replay.logs.container.records import Log
+from replay.logs.container.log import Log
 
 _VERSION: Final = 4
 """Of `metadata.yaml`: the last one that needs no more than the parts say; every later rosbag2 reads it."""

@@ -9,7 +9,8 @@ import zlib
 from pathlib import Path
 
 from replay.base.errors import LogError
-from replay.logs.container.records import MAGIC, MIB
+from replay.logs.container.log import MIB
+from replay.logs.container.records import MAGIC
 
 _FIRST_BYTES = (
     (b"#ROSBAG V", "a ROS 1 bag; convert it to MCAP"),

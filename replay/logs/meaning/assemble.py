@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +14,7 @@ from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, frozen
 from replay.base.errors import LogError, printable
 from replay.logs.container.folder import open_log
-from replay.logs.container.records import Log
+from replay.logs.container.log import Log
 from replay.logs.meaning.checks import check_ends, check_fit, check_recorded, deviation, hitch_notes
 from replay.logs.meaning.frames import Frames, frame_name, in_frame
 from replay.logs.meaning.hitch import FRAME_WORD, Angles, Hitch, combined, sources
@@ -34,7 +35,7 @@ from replay.logs.meaning.stated import (
 )
 from replay.logs.meaning.topics import Topic, choose_map, choose_paths, is_wanted, refused, topics_of
 from replay.logs.meaning.vehicle import nodes_of, vehicle_in
-from replay.logs.messages.content import PoseSeries
+from replay.logs.messages.types import PoseSeries
 from replay.run.case import Case, ReadReport
 
 _NOTED_LENGTH = 0.03
@@ -48,12 +49,12 @@ def read_cases(path: str | os.PathLike[str], options: ReadOptions | None = None)
         LogError: the log cannot be read, leaves open what is meant, or none of its requests can be used. A request
             that cannot be used beside others that can is named in their notes, and `read.lost` is set.
     """
-    return cases_of(open_log(path, is_wanted), options or ReadOptions())
+    log = open_log(path, is_wanted)
+    return cases_of(log, topics_of(log), options or ReadOptions())
 
 
-def cases_of(log: Log, options: ReadOptions) -> list[Case]:
-    """`read_cases` for a log that was scanned already. Raises LogError."""
-    topics = topics_of(log)
+def cases_of(log: Log, topics: Sequence[Topic], options: ReadOptions) -> list[Case]:
+    """`read_cases` for a log that is open, and its topics. Raises LogError."""
     map_topic = choose_map(log, topics, options.map_topic)
     trucks, trailers = choose_paths(log, topics, options.path_topic, options.trailer_topic)
     vehicle, notes = (options.vehicle, []) if options.vehicle else vehicle_in(log)
@@ -109,7 +110,7 @@ class _Reader:
     """Makes the cases of one log."""
 
     log: Log
-    topics: list[Topic]
+    topics: Sequence[Topic]
     options: ReadOptions
     vehicle: Vehicle
     maps: Maps

@@ -11,7 +11,7 @@ from optim.numerics.arrays import Array, frozen
 from replay.base.errors import printable
 from replay.logs.meaning.planar import NORM_REFUSED, Refusal, rotation
 from replay.logs.meaning.topics import Topic
-from replay.logs.messages.content import PoseSeries, Transform
+from replay.logs.messages.types import PoseSeries, Transform
 
 STILL = 1e-6
 """Transforms between two frames that differ by less are the same [m, or of a quaternion's parts]."""
@@ -30,7 +30,7 @@ class Frames:
     def __init__(self, topics: Sequence[Topic]) -> None:
         self._moves: dict[tuple[str, str], Array] = {}
         """How far a frame moves from where it is first [m], and how far it turns [rad], where it does. Shape (2,)."""
-        self._topics = [topic for topic in topics if topic.family.role == "transforms"]
+        self._topics = [topic for topic in topics if topic.message_type.role == "transforms"]
 
     @cached_property
     def _links(self) -> dict[tuple[str, str], Array | None]:

@@ -13,7 +13,7 @@ from replay.logs.meaning.pairing import at_stamps, hitch_angles
 from replay.logs.meaning.planar import Refusal, planar
 from replay.logs.meaning.poses import RecordedPoses
 from replay.logs.meaning.topics import Topic
-from replay.logs.messages.content import Joints, PoseSeries, Transform
+from replay.logs.messages.types import Joints, PoseSeries, Transform
 from replay.run.case import HitchSource
 
 DISAGREE = 0.02
@@ -77,7 +77,7 @@ def sources(
 def _joint(topics: Sequence[Topic], options: ReadOptions) -> Angles | None:
     samples: dict[str, list[tuple[int, float]]] = {}
     for topic in topics:
-        for index, message in enumerate(topic.messages if topic.family.role == "joints" else ()):
+        for index, message in enumerate(topic.messages if topic.message_type.role == "joints" else ()):
             state: Joints
             for state in topic.decode(index):
                 time = state.stamp or message.log_time

@@ -16,7 +16,7 @@ from replay.logs.meaning.markers import MAX_POLYGONS, Markers, apply_markers, ma
 from replay.logs.meaning.options import ReadOptions
 from replay.logs.meaning.planar import Refusal
 from replay.logs.meaning.topics import Topic, refused
-from replay.logs.messages.content import Grid, Marker, Ring
+from replay.logs.messages.types import Grid, Marker, Ring
 from replay.run.case import MapImage
 
 _BESIDE = 1e-3 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -77,7 +77,7 @@ class Maps:
         try:
             if index not in self._understood:
                 builders = {"grid": self._grid, "markers": self._markers, "polygon": self._polygons}
-                self._understood[index] = builders[self.topic.family.role](index)
+                self._understood[index] = builders[self.topic.message_type.role](index)
             return self._understood[index], notes
         except Refusal as error:
             refused(self.topic, index, error)

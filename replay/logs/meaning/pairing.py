@@ -5,7 +5,7 @@ import numpy as np
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, IntArray
 from replay.logs.meaning.planar import Refusal
-from replay.logs.messages.content import PoseSeries
+from replay.logs.messages.types import PoseSeries
 
 TOLERANCE = 0.2
 """Largest median distance of the trailer's axle from where the hitch puts it [m]."""

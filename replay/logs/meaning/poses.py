@@ -21,7 +21,7 @@ from replay.logs.meaning.motion import (
     turning_points,
 )
 from replay.logs.meaning.planar import Refusal, planar
-from replay.logs.messages.content import PoseSeries
+from replay.logs.messages.types import PoseSeries
 
 LARGEST_COORDINATE = 1e6
 """Distance from the map beyond which a pose is no place [m]."""

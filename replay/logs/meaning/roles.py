@@ -11,7 +11,7 @@ from replay.logs.meaning.planar import Refusal
 from replay.logs.meaning.poses import recorded_poses, to_plane
 from replay.logs.meaning.stated import at_rear_axle, references
 from replay.logs.meaning.topics import Topic, refused, titles
-from replay.logs.messages.content import PoseSeries
+from replay.logs.messages.types import PoseSeries
 
 MOST_CANDIDATES = 8
 """Path topics that are compared with each other; more ask for a choice at once."""

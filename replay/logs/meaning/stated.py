@@ -13,7 +13,7 @@ from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
 from replay.logs.meaning.options import ReadOptions
 from replay.logs.meaning.planar import Refusal
 from replay.logs.meaning.poses import RecordedPoses, headings_missing, nearest_row
-from replay.logs.messages.content import PoseSeries
+from replay.logs.messages.types import PoseSeries
 
 CONTRADICTED = 0.5
 """Travel from which a motion against the stated gear is no noise [m]."""

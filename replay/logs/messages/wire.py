@@ -1,16 +1,15 @@
 """Protocol buffers: messages from their bytes, by the field numbers that the log's own descriptors give.
 
 Both are untrusted: every length is compared with the bytes that are there, sizes and counts are limited, groups are
-refused, and nothing recurses deeper than the messages of `structure.py`.
+refused, and nothing recurses deeper than the messages of `foxglove_definitions.py`.
 """
 
 import struct
 from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
-from replay.logs.messages.content import PayloadError
-from replay.logs.messages.idl import LayoutError
-from replay.logs.messages.structure import MAX_PARTS, MESSAGES, VECTORS, Field, absent
+from replay.logs.messages.foxglove_definitions import MAX_PARTS, MESSAGES, VECTORS, Field, absent
+from replay.logs.messages.types import DefinitionError, PayloadError
 
 VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
 MAX_SET: Final = 1 << 20
@@ -22,7 +21,7 @@ MAX_DEPTH: Final = 16
 """Most messages that are defined within each other."""
 _DOUBLE = struct.Struct("<d")
 _KINDS: Final = {1: "double", 7: "fixed32", 8: "bool", 9: "string", 11: "message", 12: "bytes", 14: "enum"}
-"""Names of the descriptor's types, as far as they occur in `structure.py`."""
+"""Names of the descriptor's types, as far as they occur in `foxglove_definitions.py`."""
 _WIRE: Final = {"double": FIXED64, "fixed32": FIXED32, "bool": VARINT, "enum": VARINT}
 _TIMES: Final = (".google.protobuf.Timestamp", ".google.protobuf.Duration")
 
@@ -85,19 +84,19 @@ def descriptors(data: bytes) -> Descriptors:
     """All messages of a FileDescriptorSet.
 
     Raises:
-        LayoutError: it is none, or over a limit.
+        DefinitionError: it is none, or over a limit.
     """
     if len(data) > MAX_SET:
-        raise LayoutError(f"the descriptors have {len(data)} bytes, at most {MAX_SET} are read")
+        raise DefinitionError(f"the descriptors have {len(data)} bytes, at most {MAX_SET} are read")
     found: Descriptors = {}
     try:
         files = [
             (start, end) for number, wire, start, end in entries(data, 0, len(data)) if (number, wire) == (1, BYTES)
         ]
         if not files:
-            raise LayoutError("the definition is not a set of descriptors")
+            raise DefinitionError("the definition is not a set of descriptors")
         if len(files) > MAX_FILES:
-            raise LayoutError(f"the definition has {len(files)} files, at most {MAX_FILES} are read")
+            raise DefinitionError(f"the definition has {len(files)} files, at most {MAX_FILES} are read")
         for start, end in files:
             package = _text(data, _last(data, start, end, 2))
             todo = [(*span, package, 1) for span in _all(data, start, end, 4)]
@@ -105,13 +104,13 @@ def descriptors(data: bytes) -> Descriptors:
                 at, stop, outer, depth = todo.pop()
                 name = f"{outer}.{_text(data, _last(data, at, stop, 1))}".removeprefix(".")
                 if depth > MAX_DEPTH or len(found) >= MAX_TYPES:
-                    raise LayoutError(f"more than {MAX_TYPES} messages, or {MAX_DEPTH} within each other")
+                    raise DefinitionError(f"more than {MAX_TYPES} messages, or {MAX_DEPTH} within each other")
                 if name in found:
-                    raise LayoutError(f"message {name[:60]!r} is defined twice")
+                    raise DefinitionError(f"message {name[:60]!r} is defined twice")
                 found[name] = dict(_described(data, *span) for span in _all(data, at, stop, 2))
                 todo += [(*span, name, depth + 1) for span in _all(data, at, stop, 3)]
     except PayloadError as error:
-        raise LayoutError(f"the descriptors are damaged: {error}") from None
+        raise DefinitionError(f"the descriptors are damaged: {error}") from None
     return found
 
 
@@ -163,14 +162,14 @@ class Plan(NamedTuple):
 def plan_for(name: str, found: Descriptors) -> Plan:
     """How to decode message `name` as the log defines it.
 
-    Fields of `structure.py` that the log's definition lacks stay as if each message left them out.
+    Fields of `foxglove_definitions.py` that the log's definition lacks stay as if each message left them out.
 
     Raises:
-        LayoutError: the message is not defined, shares no field, or has one of another type.
+        DefinitionError: the message is not defined, shares no field, or has one of another type.
     """
     own = found.get(name)
     if own is None:
-        raise LayoutError(f"{name} is not defined")
+        raise DefinitionError(f"{name} is not defined")
     steps: dict[int, Step] = {}
     for field in MESSAGES[name]:
         described = own.get(field.name)
@@ -179,19 +178,19 @@ def plan_for(name: str, found: Descriptors) -> Plan:
         kind = "message" if field.kind in MESSAGES else field.kind
         if (described.kind, described.repeated) != (kind, field.repeated):
             have = f"{described.kind}{'[]' * described.repeated}"
-            raise LayoutError(
+            raise DefinitionError(
                 f"field {field.name!r} of {name} is {have!r}, expected {field.kind + '[]' * field.repeated!r}"
             )
         plan = None
         if field.kind in MESSAGES:
             if described.type_name != field.kind:
-                raise LayoutError(
+                raise DefinitionError(
                     f"field {field.name!r} of {name} is {described.type_name[:60]!r}, expected {field.kind!r}"
                 )
             plan = plan_for(field.kind, found)
         steps[described.number] = Step(field, _WIRE.get(field.kind, BYTES), plan)
     if MESSAGES[name] and not steps:
-        raise LayoutError(f"{name} has none of the fields that are read")
+        raise DefinitionError(f"{name} has none of the fields that are read")
     blank = {field.name: absent(field) for field in MESSAGES[name]}
     return Plan(name, steps, blank, tuple(field.name for field in MESSAGES[name] if field.repeated))
 
