@@ -15,7 +15,7 @@ from optim.geometry.separation import separation_table
 from optim.geometry.sweep import first_violation_kernel, swept_kernel
 from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
+from optim.numerics.arrays import Array, Float64, Int64, IntArray, frozen, frozen_int
 
 
 class Witnesses(NamedTuple):
@@ -24,15 +24,15 @@ class Witnesses(NamedTuple):
     Without obstacles the distance is inf, the polygon -1 and everything else nan.
     """
 
-    distance: Array
+    distance: Float64[Array, "N 2"]
     """Signed distance [m]. Shape (N, 2)."""
-    on_body: Array
+    on_body: Float64[Array, "N 2 2"]
     """Point of the body [m]. Shape (N, 2, 2)."""
-    on_obstacle: Array
+    on_obstacle: Float64[Array, "N 2 2"]
     """Point of the obstacle [m]; on_body - distance * normal. Shape (N, 2, 2)."""
-    normal: Array
+    normal: Float64[Array, "N 2 2"]
     """Unit vector from the obstacle to the body. Shape (N, 2, 2)."""
-    polygon: IntArray
+    polygon: Int64[IntArray, "N 2"]
     """Index in Scene.polygons. Shape (N, 2)."""
 
 
@@ -94,15 +94,15 @@ def _motion(s: Array, states: Array, phi: Array | None) -> tuple[Array, Array, A
 class Separations(NamedTuple):
     """R linearised distances, ordered by state and body."""
 
-    knot: IntArray
+    knot: Int64[IntArray, " R"]
     """Index of the state. Shape (R,)."""
-    body: IntArray
+    body: Int64[IntArray, " R"]
     """0 the truck, 1 the trailer. Shape (R,)."""
-    polygon: IntArray
+    polygon: Int64[IntArray, " R"]
     """Index in Scene.polygons; a pair has one or two rows, the nearer first. Shape (R,)."""
-    distance: Array
+    distance: Float64[Array, " R"]
     """Signed distance [m]; of a second row, the height there. Shape (R,)."""
-    gradient: Array
+    gradient: Float64[Array, "R 4"]
     """Derivative by (x, y, theta, alpha). Shape (R, 4)."""
 
 

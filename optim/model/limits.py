@@ -6,14 +6,14 @@ import numpy as np
 
 from optim.model.path import Path, Segment
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64
 
 
 class LimitedQuantity(NamedTuple):
     """A quantity with its limit. N samples, or intervals."""
 
     name: str
-    values: Array
+    values: Float64[Array, " N"]
     """Magnitudes [unit]. Shape (N,)."""
     limit: float
     """Largest magnitude allowed [unit]."""

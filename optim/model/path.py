@@ -16,7 +16,7 @@ import numpy as np
 
 from optim.model.kinematics import LARGEST_STEP, roll_out, roll_out_kernel
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
+from optim.numerics.arrays import Array, Float64, Int64, IntArray, frozen, frozen_int
 from optim.numerics.kernel import kernel
 
 LENGTH_TOLERANCE = 1e-9
@@ -34,17 +34,17 @@ class Segment:
 
     direction: int
     """+1 forward, -1 reverse."""
-    s: Array
+    s: Float64[Array, " n"]
     """Arc length of the truck's rear axle from the segment's start [m], strictly increasing from 0."""
-    x: Array
+    x: Float64[Array, " n"]
     """Rear axle [m]."""
-    y: Array
+    y: Float64[Array, " n"]
     """Rear axle [m]."""
-    theta: Array
+    theta: Float64[Array, " n"]
     """Truck heading [rad], unwrapped."""
-    alpha: Array
+    alpha: Float64[Array, " n"]
     """Hitch angle, trailer heading minus truck heading [rad]."""
-    phi: Array
+    phi: Float64[Array, " n"]
     """Steering angle [rad]."""
 
     def __post_init__(self) -> None:
@@ -85,11 +85,16 @@ class Segment:
 class Samples(NamedTuple):
     """All samples of a path in a row; a cusp appears twice, once for each segment. N samples."""
 
-    s: Array  # (N,) arc length from the start of the path [m]
-    states: Array  # (N, 4)
-    phi: Array  # (N,) [rad]
-    direction: IntArray  # (N,)
-    segment: IntArray  # (N,) index of the segment
+    s: Float64[Array, " N"]
+    """Arc length from the start of the path [m]. Shape (N,)."""
+    states: Float64[Array, "N 4"]
+    """Columns x, y, theta, alpha. Shape (N, 4)."""
+    phi: Float64[Array, " N"]
+    """Steering angle [rad]. Shape (N,)."""
+    direction: Int64[IntArray, " N"]
+    """+1 forward, -1 reverse. Shape (N,)."""
+    segment: Int64[IntArray, " N"]
+    """Index of the segment. Shape (N,)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from optim.model.objective import Weights
 from optim.model.path import Path
 from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -21,7 +21,7 @@ class Problem:
     weights: Weights = field(default_factory=Weights)
     margin: float = 0.1
     """Clearance to keep from every obstacle [m]: swept clearance >= min(margin, the recorded path's own)."""
-    nodes: Array | None = None
+    nodes: Float64[Array, " K"] | None = None
     """Arc lengths of the recorded path [m] at which the planner's tree nodes lie. Shape (K,), or None if unknown."""
     start: Path | None = None
     """Where a method begins if not with the recorded path: an earlier result for this problem.

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, frozen
+from optim.numerics.arrays import Array, Float64, frozen
 from optim.numerics.kernel import kernel
 from optim.steering.bezier import plan_bezier
 from optim.steering.connect import local_ends
@@ -47,7 +47,7 @@ _SPREAD: Final = 6.0  # cells: nodes round a cell that differ by more belong to 
 class Table:
     """Lengths of connections of one vehicle."""
 
-    values: Array
+    values: Float64[Array, "3 3 columns rows headings"]
     """k0, k1 (-k, 0, k), x, y, heading. Length of the trailer's path [m], inf where there is no connection.
     Shape (3, 3, 2 half + 1, half + 1, HEADINGS)."""
     cell: float

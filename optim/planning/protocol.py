@@ -17,7 +17,7 @@ from optim.model.clearance import first_violation
 from optim.model.path import Path, Segment, merge, segment_from_states
 from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, frozen
+from optim.numerics.arrays import Array, Float64, frozen
 from optim.steering.connect import Connection, connections
 from optim.steering.flat import Flat
 
@@ -80,7 +80,7 @@ class PlannedPath:
 
     path: Path
     """Drivable, within the vehicle's limits and clear; samples at most 0.1 m apart."""
-    nodes: Array
+    nodes: Float64[Array, " K"]
     """Arc lengths at which the planner's nodes lie, both ends included [m]. Shape (K,)."""
     effort: int
     """Iterations of a random tree, expanded nodes of a graph search."""

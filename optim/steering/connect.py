@@ -14,7 +14,7 @@ import numpy as np
 from optim.model.flat_map import state_from_flat
 from optim.model.path import Segment, segment_from_states
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, frozen
+from optim.numerics.arrays import Array, Float64, frozen
 from optim.steering.bezier import plan_bezier, sample_bezier
 from optim.steering.flat import Flat, effort, limits
 from optim.steering.pieces import sample_turns
@@ -27,9 +27,12 @@ END_TOLERANCE = 1e-8
 class Sampled(NamedTuple):
     """A connection at equal distances of the truck; the states between follow from phi linear in s. N samples."""
 
-    s: Array  # (N,) arc length of the truck's rear axle from the connection's start [m]
-    states: Array  # (N, 4)
-    phi: Array  # (N,) [rad]
+    s: Float64[Array, " N"]
+    """Arc length of the truck's rear axle from the connection's start [m]. Shape (N,)."""
+    states: Float64[Array, "N 4"]
+    """Columns x, y, theta, alpha. Shape (N, 4)."""
+    phi: Float64[Array, " N"]
+    """Steering angle [rad]. Shape (N,)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,7 +47,7 @@ class Connection:
     trailer_length: float
     """Distance of the trailer's axle [m]."""
     vehicle: Vehicle
-    curve: Array
+    curve: Float64[Array, " _"]
     """Parameters of the curve in the order of travel forwards: a row of `plan_turns`, or the tangent lengths a0, a1."""
 
     @property
