@@ -5,6 +5,7 @@ import signal
 from collections.abc import Callable, Iterator
 from functools import partial
 
+import array_shapes
 import logs_maker as make
 import pytest
 import recording_factory as factory
@@ -23,6 +24,11 @@ from replay.run.judge import Run
 drop_stale()
 settings.register_profile("replay", deadline=None, derandomize=True)  # the same examples on every machine
 settings.load_profile("replay")
+
+
+def pytest_collection_finish() -> None:
+    """From here on every array in a field is of the type and shape that the field states."""
+    array_shapes.check_from_now_on()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -11,12 +11,13 @@ Numba compiles a kernel again for each combination of layout and mutability. One
 
 from typing import Annotated as Bool
 from typing import Annotated as Float64
+from typing import Annotated as Int8
 from typing import Annotated as Int64
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Array", "Bool", "BoolArray", "Float64", "Int64", "IntArray", "frozen", "frozen_int"]
+__all__ = ["Array", "Bool", "BoolArray", "Float64", "Int8", "Int64", "IntArray", "frozen", "frozen_int"]
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

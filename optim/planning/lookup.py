@@ -27,7 +27,7 @@ from optim.numerics.arrays import Array, Float64, frozen
 from optim.numerics.kernel import kernel
 from optim.steering.bezier import plan_bezier
 from optim.steering.connect import local_ends
-from optim.steering.flat import Flat, limits
+from optim.steering.flat import Flat, curve_limits
 from optim.steering.turns import plan_turns
 
 HALF: Final = 15
@@ -103,7 +103,7 @@ def node_pose(half: int, cell: float, i: int, j: int, k: int) -> tuple[float, fl
 def exact_length(vehicle: Vehicle, start: Flat, end: Flat, longest: float) -> float:
     """Length of the trailer's path of the shortest forward connection [m], inf where there is none."""
     first, last = local_ends(start, end)
-    lim = limits(vehicle)
+    lim = curve_limits(vehicle)
     rows = plan_turns(first, last, lim, longest)
     turns = float(rows[:, 0].min()) if len(rows) else math.inf
     return min(turns, float(plan_bezier(first, last, lim, min(longest, turns))[0]))

@@ -16,7 +16,7 @@ from optim.model.path import Segment, segment_from_states
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, Float64, frozen
 from optim.steering.bezier import plan_bezier, sample_bezier
-from optim.steering.flat import Flat, effort, limits
+from optim.steering.flat import Flat, curve_limits, effort
 from optim.steering.pieces import sample_turns
 from optim.steering.turns import plan_turns
 
@@ -62,7 +62,7 @@ class Connection:
         phi is taken as linear between samples 1 m apart: of all curves through them that has the least second integral.
         """
         length, flat = self._coarse
-        return effort(flat, length, limits(self.vehicle))
+        return effort(flat, length, curve_limits(self.vehicle))
 
     @cached_property
     def _coarse(self) -> tuple[float, Array]:
@@ -71,7 +71,7 @@ class Connection:
     def _flat(self, spacing: float) -> tuple[float, Array]:
         """(truck's distance, flat states (n, 5)) in the order of travel forwards, in the frame of its first state."""
         first, last = (self.start, self.end) if self.direction > 0 else (self.end, self.start)
-        ends, lim = local_ends(first, last), limits(self.vehicle)
+        ends, lim = local_ends(first, last), curve_limits(self.vehicle)
         if self.kind == "turns":
             return sample_turns(self.curve, *ends, float(spacing), lim)
         return sample_bezier(*ends, float(self.curve[0]), float(self.curve[1]), float(spacing), lim)
@@ -136,7 +136,7 @@ def connections(
     may be none. Several pairs of turns and at most one Bézier curve are returned: where the shortest collides,
     another may not. Raises ValueError for a hitch that is not over the rear axle.
     """
-    lim = limits(vehicle)
+    lim = curve_limits(vehicle)
     first, last = (start, end) if direction > 0 else (end, start)
     ends = local_ends(first, last)
     if math.hypot(ends[1][0], ends[1][1]) > max_length:

@@ -27,7 +27,8 @@ from optim.numerics.kernel import kernel
 TOLERANCE = 1e-6
 """Relative excess of a limit that still counts as within it: a recorded state at its limit is a state [-]."""
 
-Limits = tuple[float, float, float, float, float, float]
+CurveLimits = tuple[float, float, float, float, float, float]
+"""l [m], l_t [m], largest |kappa| [1/m], largest |T| [-], largest |dphi/ds| [rad/m], curvature of long turns [1/m]."""
 TWO_PI = 2.0 * math.pi
 # Gauss-Legendre on [0, 1]: four nodes to search with (1e-6 m on a ramp), then nine to solve with (1e-13 m)
 GAUSS_X = (
@@ -53,7 +54,7 @@ class Flat(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def limits(vehicle: Vehicle) -> Limits:
+def curve_limits(vehicle: Vehicle) -> CurveLimits:
     """The vehicle's l, l_t, limits and hold curvature as kernels take them; remembered, since it is asked for often.
 
     Raises ValueError for a hitch that is not over the rear axle: such a vehicle is not flat.
