@@ -73,7 +73,7 @@ def _meaning(channel: Channel) -> tuple[object, ...]:
 
 def read_schema(stream: RecordStream) -> tuple[int, Schema]:
     """Identifier and content of a Schema record. Raises Malformed."""
-    schema = r.parsed(r.Schema, stream)
+    schema = r.parsed(r.kinds.Schema, stream)
     if schema.id == 0:
         raise Malformed("schema id 0 means 'no schema' and cannot be defined")
     return schema.id, Schema(normalised(schema.name), schema.encoding, schema.data)
@@ -81,7 +81,7 @@ def read_schema(stream: RecordStream) -> tuple[int, Schema]:
 
 def read_channel(stream: RecordStream, schemas: dict[int, Schema]) -> Channel:
     """The content of a Channel record. Raises Malformed."""
-    found = r.parsed(r.Channel, stream)
+    found = r.parsed(r.kinds.Channel, stream)
     metadata, _ = stream.last_map(before=2)
     schema = schemas.get(found.schema_id)
     return Channel(found.id, found.topic, found.message_encoding, schema, found.schema_id, metadata.get(_QOS, ""))

@@ -52,7 +52,7 @@ class Collector:
             self._add_metadata(stream)
 
     def _add_metadata(self, stream: RecordStream) -> None:
-        name = r.parsed(r.Metadata, stream).name
+        name = r.parsed(r.kinds.Metadata, stream).name
         values, duplicates = stream.last_map(before=1)
         if duplicates:
             self.findings.add("W_METADATA", f"metadata record {name!r} repeats the key {duplicates[0]!r}")

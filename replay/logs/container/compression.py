@@ -31,7 +31,7 @@ def unpack_chunk(body: bytes, limit: int, total_left: int) -> tuple[bytes, int, 
         BadChunk: too large, unknown compression, sizes that contradict each other, wrong checksum.
         Malformed: fields that do not fit into the record.
     """
-    chunk = r.parsed(r.Chunk, r.RecordStream(body))
+    chunk = r.parsed(r.kinds.Chunk, r.RecordStream(body))
     size = chunk.uncompressed_size
     if size > limit:
         raise BadChunk("W_CHUNK_TOO_LARGE", f"declares {size} bytes, more than the limit of {limit}")

@@ -175,7 +175,7 @@ class _Scan:
         self.summary.chunks.append((at, start, end))
 
     def _data_end(self, body: bytes, crc: int) -> None:
-        stated = r.parsed(r.DataEnd, RecordStream(body)).data_section_crc
+        stated = r.parsed(r.kinds.DataEnd, RecordStream(body)).data_section_crc
         self.data_ended = True
         if stated:
             self.data_crc_holds = stated == crc
@@ -188,7 +188,7 @@ class _Scan:
             return
         if self.collected.num_records > 1:
             self.findings.add("W_NO_HEADER", "the Header is not the first record")
-        header = r.parsed(r.Header, RecordStream(body))
+        header = r.parsed(r.kinds.Header, RecordStream(body))
         self.header = header.profile, header.library
 
     # ---- the summary section

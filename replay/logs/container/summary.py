@@ -91,7 +91,7 @@ class Summary:
 
     def check_footer(self, body: bytes, crc: int) -> Iterator[tuple[str, str]]:
         """Code and text of what is wrong with the Footer. `crc`: of the summary up to the Footer's fields."""
-        footer = r.parsed(r.Footer, RecordStream(body))
+        footer = r.parsed(r.kinds.Footer, RecordStream(body))
         if footer.summary_crc and footer.summary_crc != zlib.crc32(body[:16], crc):
             yield "W_CRC_SUMMARY", "the checksum of the summary is wrong; it is not needed"
         if footer.summary_start != (self.start if self._num_records else 0):

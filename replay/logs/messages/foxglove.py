@@ -233,13 +233,9 @@ def _indexed(primitive: Tree) -> list[list[float]]:
 class FoxgloveType(MessageType):
     """A Foxglove message type, in protobuf or JSON."""
 
+    encodings = ("protobuf", "protobuf"), ("json", "jsonschema"), ("json", "")
     convert: Callable[[Tree], Any]
     """Makes of a message's fields what its role asks for. Raises PayloadError."""
-
-    @property
-    def encodings(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of message encoding and encoding of the message definition that are read."""
-        return ("protobuf", "protobuf"), ("json", "jsonschema"), ("json", "")
 
     def decoder(self, encodings: tuple[str, str], definition: bytes) -> Decode:
         """The decoder for the messages of a channel. Raises DefinitionError. JSON names its fields: it needs none."""

@@ -6,12 +6,12 @@ they are converted. To the runtime, a field with another wire type than its defi
 an error, since the message was written for another definition.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from operator import attrgetter
 from typing import Any, Final, NamedTuple
 
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
-from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto, FileDescriptorSet
+from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.duration_pb2 import DESCRIPTOR as DURATION
 from google.protobuf.message import DecodeError
@@ -27,8 +27,6 @@ MAX_SET: Final = 1 << 20
 MAX_FILES: Final = 64
 MAX_TYPES: Final = 1024
 """Most messages of a set."""
-MAX_DEPTH: Final = 16
-"""Most messages that are defined within each other."""
 MAX_MESSAGE: Final = 16 << 20
 """Largest message [bytes]: a grid of 4000 x 4000 cells, and no more than memory can hold of empty parts."""
 MAX_UNKNOWN: Final = 1 << 20
@@ -65,7 +63,7 @@ def descriptor_of(name: str, definition: bytes) -> Descriptor:
         raise DefinitionError("the definition is not a set of descriptors")
     if len(files) > MAX_FILES:
         raise DefinitionError(f"the definition has {len(files)} files, at most {MAX_FILES} are read")
-    if sum(1 for file in files for _ in _messages(file)) > MAX_TYPES:
+    if _num_messages(files) > MAX_TYPES:
         raise DefinitionError(f"more than {MAX_TYPES} messages")
     named = [file for file in files if name in (f"{file.package}.{each.name}" for each in file.message_type)]
     if not named:
@@ -79,44 +77,31 @@ def descriptor_of(name: str, definition: bytes) -> Descriptor:
         raise DefinitionError(f"the descriptors cannot be used: {str(error).splitlines()[0][:200]}") from None
 
 
-def _messages(file: FileDescriptorProto) -> Iterator[DescriptorProto]:
-    """All messages of a file, also those within others; ends after `MAX_TYPES` + 1. Raises DefinitionError."""
-    todo = [(each, 1) for each in file.message_type[: MAX_TYPES + 1]]
-    for message, depth in todo:
-        yield message
-        if depth >= MAX_DEPTH and message.nested_type:
-            raise DefinitionError(f"more than {MAX_DEPTH} messages are defined within each other")
-        if len(todo) <= MAX_TYPES:
-            todo += [(each, depth + 1) for each in message.nested_type[: MAX_TYPES + 1]]
+def _num_messages(files: Iterable[FileDescriptorProto]) -> int:
+    """Number of messages that files define, also within others; counting ends above `MAX_TYPES`."""
+    groups = [file.message_type for file in files]
+    count = 0
+    for group in groups:
+        count += len(group)
+        if count > MAX_TYPES:
+            break
+        groups += [each.nested_type for each in group]
+    return count
 
 
-def _in_order(first: FileDescriptorProto, files: list[FileDescriptorProto]) -> list[FileDescriptorProto]:
-    """A file and all that it imports, each after what it imports itself. Raises DefinitionError."""
-    by_name = {file.name: file for file in files}
-    for known in (TIMESTAMP, DURATION):  # some writers leave out what every runtime has
-        if known.name not in by_name:
-            by_name[known.name] = FileDescriptorProto.FromString(known.serialized_pb)
-    ordered: dict[str, FileDescriptorProto] = {}
-    todo: list[tuple[FileDescriptorProto, bool]] = [(first, False)]
-    above: set[str] = set()
-    while todo:
-        file, is_left = todo.pop()
-        if is_left:
-            above.discard(file.name)
-            ordered[file.name] = file
-            continue
-        if file.name in ordered:
-            continue
-        if file.name in above:
-            raise DefinitionError(f"file {file.name[:60]!r} imports itself")
-        above.add(file.name)
-        todo.append((file, True))
-        for name in file.dependency:
-            if name not in by_name:
-                raise DefinitionError(f"file {name[:60]!r} is imported and not in the descriptors")
-            if name not in ordered:
-                todo.append((by_name[name], False))
-    return list(ordered.values())
+def _in_order(first: FileDescriptorProto, files: Iterable[FileDescriptorProto]) -> list[FileDescriptorProto]:
+    """A file and those that it imports, each after what it imports itself. Raises DefinitionError."""
+    names = {file.name for file in files}
+    known = [FileDescriptorProto.FromString(each.serialized_pb) for each in (TIMESTAMP, DURATION)]
+    todo = [*files, *(each for each in known if each.name not in names)]  # some writers leave out the well-known ones
+    done: dict[str, FileDescriptorProto] = {}
+    while first.name not in done:
+        ready = [file for file in todo if set(file.dependency) <= set(done)]
+        if not ready:
+            raise DefinitionError(f"file {first.name[:60]!r} imports itself, or a file that is not in the descriptors")
+        done |= {file.name: file for file in ready}
+        todo = [file for file in todo if file.name not in done]
+    return list(done.values())
 
 
 class _Plan(NamedTuple):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,10 +36,8 @@ class MessageType:
     role: Role
     """Use of its messages."""
 
-    @property
-    def encodings(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of message encoding and encoding of the message definition that are read."""
-        raise NotImplementedError
+    encodings: ClassVar[tuple[tuple[str, str], ...]]
+    """Pairs of message encoding and encoding of the message definition that are read."""
 
     def decoder(self, encodings: tuple[str, str], definition: bytes) -> Decode:
         """The decoder for the messages of a channel.
