@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 from cyclopts import Group, Parameter
 
 from optim.methods import METHODS
-from optim.model.objective import Weights
 from replay.cli.console import Common, Voice
-from replay.cli.options import UsageError, flag_class, flags_of, options_of
+from replay.cli.flags import MethodFlags, WeightFlags
+from replay.cli.options import UsageError, flag_class, options_of
 from replay.cli.outputs import Outputs
 from replay.cli.reading import Reading
 from replay.cli.session import Origin, Session
 from replay.cli.settings import (
-    WEIGHTS,
     Layer,
     RunOptions,
     Settings,
@@ -30,12 +29,8 @@ from replay.recording.viewer import LiveView, NoViewer, open_viewer
 from replay.run.results import read_results
 
 if TYPE_CHECKING:
-    MethodFlags: TypeAlias = Any
-    WeightFlags: TypeAlias = Any
     RunFlags: TypeAlias = Any
 else:
-    MethodFlags = flags_of(METHODS, "Options of {name}")
-    WeightFlags = flags_of({WEIGHTS: Weights()}, "Weights of the objective J")
     # names for the help and for completion; a chain is any text
     _NAMES = tuple[Literal[tuple(METHODS)] | str, ...] | None
     RunFlags = flag_class(

@@ -5,6 +5,8 @@ import statistics
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+from msgspec import UNSET, UnsetType
+
 from replay.base.numbers import count, percent, shown
 from replay.base.schemas.log import MethodResult
 from replay.base.schemas.summary import Change, MethodFigures
@@ -31,14 +33,14 @@ def figures(rows: Iterable[Row]) -> MethodFigures:
     )
 
 
-def _known(values: Iterable[float | None]) -> list[float]:
-    return [value for value in values if value is not None]
+def _known(values: Iterable[float | UnsetType | None]) -> list[float]:
+    return [value for value in values if value is not None and value is not UNSET]
 
 
 def cost(result: MethodResult) -> float | None:
     """J of a method's path, where it is positive."""
     found = result.metrics.objective
-    return found if found is not None and found > 0.0 else None
+    return found if found and found > 0.0 else None
 
 
 def cost_ratio(row: Row) -> float | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from replay.base.numbers import NO_VALUE, percent, shown
 from replay.base.schemas.log import MethodResult
 from replay.base.schemas.summary import Change
+from replay.base.schemas.values import known
 from replay.base.schemas.verdicts import VERDICTS
 from replay.report.facts import class_of_logs, cost_ratio
 from replay.report.groups import notable
@@ -114,7 +115,7 @@ def _case_line(name: str, rows: list[Row], rank: int) -> CaseLine:
         tags=", ".join(first.tags),
         verdict=VERDICTS[rank] if rank < len(VERDICTS) else "",
         rank=rank,
-        recorded=first.recorded.metrics.objective,
+        recorded=known(first.recorded.metrics.objective),
         recorded_passed=first.recorded.audit.passed if first.recorded.audit else None,
         href=href(recordings[0]) if recordings else None,
         results=cells,

@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from replay.base.documents import plain
 from replay.base.errors import printable
-from replay.base.typed import to_plain
 
 LONGEST_NAME = 200
 LONGEST_TEXT = 500
@@ -47,8 +47,8 @@ def _field(name: str, value: Any) -> Any:
 def facts(data: object, prefix: str = "") -> dict[str, str]:
     """What an object says, at whatever depth, by its keys joined with dots; values as text."""
     found: dict[str, str] = {}
-    plain = to_plain(data)
-    for key, value in plain.items() if isinstance(plain, dict) else ():
+    entries = plain(data)
+    for key, value in entries.items() if isinstance(entries, dict) else ():
         name = prefix + printable(key, LONGEST_NAME)
         if isinstance(value, dict):
             found |= facts(value, f"{name}.")

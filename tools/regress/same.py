@@ -14,7 +14,8 @@ import tempfile
 import time
 from typing import Any
 
-from replay.regress.store import Store
+from replay.base.documents import plain
+from replay.regress.folder import RunFolder
 from tools.processes import REPLAY
 from tools.regress.local_cluster import LocalCluster
 from tools.regress.small_logs import write_corpus
@@ -59,7 +60,7 @@ def _results(runs: pathlib.Path, words: list[str]) -> dict[str, Any]:
     begun = time.monotonic()
     subprocess.run([*REPLAY, "regress", *words, "--out", str(runs), "--quiet"], check=True)
     print(f"{time.monotonic() - begun:.0f} s", file=sys.stderr, flush=True)
-    return {document["log"]: timeless(document) for document in Store(next(runs.iterdir())).documents()}
+    return {log.log: timeless(plain(log)) for log in RunFolder(next(runs.iterdir())).documents()}
 
 
 def timeless(document: Any) -> Any:

@@ -19,7 +19,7 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field
 
-from replay.regress.store import Store
+from replay.regress.folder import RunFolder
 from tools.processes import REPLAY, is_running
 from tools.regress.local_cluster import LocalCluster
 from tools.regress.small_logs import write_corpus
@@ -118,8 +118,8 @@ def _coordinator(
 
 def report(run: pathlib.Path, count: int, seen: Seen, left: list[int]) -> int:
     """Say what came of a storm; 1 where it is not as it should be."""
-    store = Store(run)
-    documents = [document["log"] for document in store.documents()]
+    folder = RunFolder(run)
+    documents = [document.log for document in folder.documents()]
     attempts = Counter((run / "attempts").read_text().split())
     executions = sum(attempts.values()) / count
     since = (seen.coordinators_killed_at or [0])[-1] + count // 10  # a new coordinator has begun from nothing
@@ -128,12 +128,12 @@ def report(run: pathlib.Path, count: int, seen: Seen, left: list[int]) -> int:
         f"{count} logs in {seen.seconds:.0f} s ({60.0 * count / seen.seconds:.0f} logs/min), exit status {seen.status}"
     )
     print(f"killed: workers {len(seen.killed)}, coordinator at {seen.coordinators_killed_at or 'no time'}")
-    print(f"results {len(store.done())}, valid {len(documents)}, of different logs {len(set(documents))}")
+    print(f"results {len(folder.done())}, valid {len(documents)}, of different logs {len(set(documents))}")
     again = sum(number > 1 for number in attempts.values())
     print(f"executions {sum(attempts.values())}, {executions:.4f} for each log; {again} logs more than once")
     print(f"coordinator's memory: {grown:+.1f} MiB from log {since} to {count}")
     print(f"killed workers that still run: {left or 'none'}")
-    whole = len(store.done()) == len(documents) == len(set(documents)) == count
+    whole = len(folder.done()) == len(documents) == len(set(documents)) == count
     return int(not whole or executions > MOST_EXECUTIONS or grown > MOST_GROWTH or bool(left))
 
 
