@@ -1,10 +1,10 @@
 """Schema of a results file, `replay.results/1`: one case, its recorded path, and what each method made of it.
 
-Paths, vehicle, scene and weights are plain data here: the audit reads these parts itself, and judges what is wrong with
-them. Beyond the published schema a file holds, additively: `weights` (of the objective, which the audit recomputes),
-`scene.boundary` (the map's outline or null), `recorded_metrics` and `recorded_audit`, `methods[].rejected` (the audit of
-a rejected path), `read.lost`, `tool.python`, and, where the command line made the run, `tool.reading` and `tool.limits`:
-with them, it can be repeated exactly.
+Paths, vehicle, scene and weights are plain data here: the audit reads these parts itself, and judges what is wrong
+with them. Beyond the published schema a file holds, additively: `weights` (of the objective, which the audit
+recomputes), `scene.boundary` (the map's outline or null), `recorded_metrics` and `recorded_audit`,
+`methods[].rejected` (the audit of a rejected path), `read.lost`, `tool.python`, and, where the command line made the
+run, `tool.reading` and `tool.limits`: with them, it can be repeated exactly.
 """
 
 from typing import Any, Final, Literal
@@ -27,7 +27,7 @@ class MetricsDocument(msgspec.Struct, frozen=True, kw_only=True):
     length: Optional = msgspec.UNSET
     trailer_length: Optional = msgspec.UNSET
     reverse_length: Optional = msgspec.UNSET
-    cusps: Whole | None | msgspec.UnsetType = msgspec.UNSET
+    cusps: Whole | msgspec.UnsetType | None = msgspec.UNSET
     max_abs_phi: Optional = msgspec.UNSET
     max_abs_alpha: Optional = msgspec.UNSET
     max_abs_kappa: Optional = msgspec.UNSET
