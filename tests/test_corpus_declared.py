@@ -87,7 +87,7 @@ def test_the_command_names_the_line_to_change_instead_of_accept(tmp_path):
     listed.write_text('methods = ["shortcut"]\n' + listed.read_text())
     done = help.command("regress", folder, "--shortcut.tries", "3", "--out", str(tmp_path / "runs"))
     assert done.returncode == 1
-    assert f"{listed}:4 expects: if it is as it should be, change `expect` there" in done.stderr
+    assert f"{listed}:4 expects: if the result is correct, change `expect` there" in done.stderr
     assert "regress accept" not in done.stderr
 
 

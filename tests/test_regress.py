@@ -161,7 +161,7 @@ def test_a_failing_run_ends_with_the_command_that_accepts_and_accepting_makes_it
         (["recordings", "--against", "no-such-version"], "expected the folder of an environment"),
         (["recordings", "--resume", "--out", "nowhere"], "no unfinished run"),
         (["recordings", "--tag", "nonsense"], "no log is left"),
-        (["accept", "nowhere"], "run.json"),
+        (["accept", "nowhere"], "no such folder"),
     ],
 )
 def test_wrong_usage_is_one_line_and_status_2(arguments, words, capsys, monkeypatch):

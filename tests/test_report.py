@@ -55,10 +55,11 @@ def test_what_got_worse_is_put_together_by_class_and_told_with_its_size(failed_r
     assert "scp: objective worse on 2 cases of class narrow, by +0.50 % at the median" in worse.sentence
 
 
-def test_logs_that_are_other_ones_are_told_one_by_one_in_every_report(tmp_path):
+def test_logs_whose_file_changed_are_reported_one_by_one_in_every_report(tmp_path):
     found = maker.logs(8)
     notes = [
-        f"{name} is another log than the baseline's: 5 results not compared" for name in ("narrow_01", "narrow_05")
+        f"{name}: the log file changed since the baseline; 5 results not compared"
+        for name in ("narrow_01", "narrow_05")
     ]
     verdicts = maker.unchanged(found[2:])
     for name, note in zip(("narrow_01", "narrow_05"), notes, strict=True):

@@ -71,7 +71,7 @@ def test_a_log_that_the_baseline_could_not_read_either_is_known_and_of_another_t
     ]
     run = maker.write_run(tmp_path / "run", found, verdicts)
     made = make_report(run)
-    cure = 'expected? in site/corpus.toml: [logs."new.1"] expect = "E_NO_MAP"'
+    cure = 'if this is expected, add to site/corpus.toml: [logs."new.1"] expect = "E_NO_MAP"'
     told = {error.log: (error.expected, error.cure) for error in made.run.errors}
     assert told == {"old": (True, ""), "new.1": (False, cure), "was": (False, "")}
     assert cure in Page((run / "report.html").read_text()).text

@@ -73,7 +73,7 @@ def slower(folder: pathlib.Path) -> Version:
     file.unlink()  # a link to the one that is tested
     file.write_text(
         text
-        + "\nimport time\nclass Slow(Ddp):\n"
+        + "\nimport time\nfrom optim.model.result import ignore\nclass Slow(Ddp):\n"
         + "    def solve(self, problem, on_iterate=ignore):\n"
         + "        time.sleep(0.3)\n        return super().solve(problem, on_iterate)\n"
         + "METHODS = {**METHODS, 'ddp': Slow(), 'cpo': None}\n"

@@ -47,7 +47,7 @@ regress = App(
     name="regress",
     help_format="plaintext",
     help_epilogue="Exit status: 0 nothing is worse than the baseline; 1 something is worse, missing or crashed, or a"
-    " log is another one; 2 wrong usage; 3 logs could not be read of which nothing is known; 130 interrupted, --resume"
+    " log file changed; 2 wrong usage; 3 logs could not be read, unexpectedly; 130 interrupted, --resume"
     " does the rest.",
 )
 
@@ -182,11 +182,11 @@ def accept(
     file, done = accept_run(run, baseline, Selection(logs=only or (), methods=list(method_names(method or ()))))
     voice.show(*changes_of_baseline(done.changes), *(f"out: {name}" for name in done.lost))
     if done.kept:
-        voice.show(f"as it was: {count(done.kept, 'result')} of the baseline, by --only and --method")
+        voice.show(f"unchanged: {count(done.kept, 'result')} of the baseline, left out by --only and --method")
     write_baseline(file, done.baseline)
     revision = done.baseline.revision
     if DIRTY in revision:
-        voice.note(f"{revision}: its program is no commit's, so that nobody can make this baseline again")
+        voice.note(f"{revision}: made by a program with uncommitted changes, so this baseline cannot be reproduced")
     extent = f"{count(len(done.baseline.logs), 'log')}; {count(len(done.changes), 'change')}"
     voice.show(f"wrote {file}: {extent}, {count(len(done.lost), 'log')} out")
     about = {"schema": "replay.accept/1", "exit_status": 0, "baseline": str(file)}

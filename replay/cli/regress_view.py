@@ -20,7 +20,7 @@ from replay.report.conclusion import Conclusion
 _PARTIAL = ("--method", "--tag", "--only")
 """Flags that leave a part of the corpus out."""
 _FIRST_BASELINE = "baseline.json"
-"""Name proposed for the baseline of a corpus that is no folder, and has none yet."""
+"""Name proposed for the first baseline of a corpus that is not a folder."""
 _MOST_HINTS = 5
 _LONGEST = 60
 
@@ -42,7 +42,7 @@ def show_conclusion(voice: Voice, folder: RunFolder, found: Conclusion) -> None:
 def show_advice(voice: Voice, plan: Plan, folder: RunFolder, found: Conclusion) -> None:
     """Show what to do about a run."""
     for line in found.against_corpus[:_MOST_HINTS]:
-        voice.note(f"{line}: if it is as it should be, change `expect` there; accepting the run does not help")
+        voice.note(f"{line}: if the result is correct, change `expect` there; accepting the run does not help")
     if found.state == "unjudged" or found.acceptable:
         voice.note(_advice(plan, folder, found.state))
 
@@ -63,8 +63,8 @@ def _accept(plan: Plan, folder: RunFolder) -> str:
 def _advice(plan: Plan, folder: RunFolder, state: str) -> str:
     if plan.partial:
         return f"a partial run ({plan.partial}) cannot become the baseline; the whole: {_whole()}"
-    why = "if this is as it should be" if state == "failed" else "there is no baseline yet; to make this run the one"
-    named = "" if plan.baseline is not None else f" (and name it from then on: --baseline {_FIRST_BASELINE})"
+    why = "if this is intended" if state == "failed" else "there is no baseline yet; to make this run the baseline"
+    named = "" if plan.baseline is not None else f" (and give it to later runs: --baseline {_FIRST_BASELINE})"
     return f"{why}{named}: {_accept(plan, folder)}"
 
 
@@ -126,7 +126,7 @@ def show_timing(voice: Voice, found: TimingDocument) -> None:
 def _slower(found: dict[str, TimeRatio]) -> str:
     slower = [method for method, each in found.items() if each.alarm]
     if not found:
-        return "nothing that both versions can do"
+        return "both versions have nothing in common that can be timed"
     if slower:
         return f"slower: {', '.join(slower)} (the whole interval lies above {ALARM})"
     if all(each.low is None for each in found.values()):

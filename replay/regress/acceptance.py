@@ -152,7 +152,9 @@ def _of_methods(
         return num, replace(new, cases=taken)
     if is_other_log(document, old):
         name = document.log
-        raise ReplayError(ACCEPT_ERROR, f"{name} is another log than the baseline's: accept it with all its methods")
+        raise ReplayError(
+            ACCEPT_ERROR, f"{name}: the log file changed since the baseline; accept it with all its methods"
+        )
     cases = {number: dict(found) for number, found in old.cases.items()}
     for number, found in taken.items():
         cases[number] = {m: f for m, f in cases.get(number, {}).items() if m not in methods} | found

@@ -24,7 +24,7 @@ from replay.regress.supervisor import Supervisor
 CLUSTER_ERROR = "E_CLUSTER"
 """The cluster failed during a run."""
 SCHEDULER_ERROR = "E_SCHEDULER"
-"""There is no cluster to begin with."""
+"""There is no usable cluster."""
 OUTSTANDING = 4
 """Tasks for each thread of the cluster that are submitted at a time."""
 _CONNECT_S = 15

@@ -9,6 +9,7 @@ from replay.base.numbers import count
 from replay.base.schemas.baseline import Figures, LogFigures
 from replay.base.schemas.corpus import Known
 from replay.base.schemas.log import CRASHES, LogFailure, LogResults, MethodResult
+from replay.base.schemas.values import Scalar
 from replay.base.schemas.verdicts import FAILING, Comparison, Verdict
 from replay.regress.gate import Figure, figures_of, stored
 
@@ -65,9 +66,10 @@ def gone(known: Iterable[Known], found: Sequence[Comparison], *, partial: bool =
             continue
         if logs and not any(issue.covers(each.log, each.method, each.key) for each in shown):
             method = "" if "*" in issue.method else issue.method
-            note = f"the known issue passes; take it out of corpus.toml: {issue.note}".rstrip(": ")
-            place = {"log": logs[0], "method": method, "key": "known issue"}
-            passing.append(Comparison(**place, after="passes", verdict="better", note=note))
+            note = f"the known issue no longer shows; remove it from corpus.toml: {issue.note}".rstrip(": ")
+            passing.append(
+                Comparison(log=logs[0], method=method, key="known issue", after="passes", verdict="better", note=note)
+            )
     return passing
 
 
@@ -110,7 +112,7 @@ def _refused(log: LogResults, error: LogFailure, before: LogFigures | None) -> C
 def _other_log(log: LogResults, before: LogFigures | None) -> list[Comparison]:
     """A log whose content changed: its results are not compared, crashes alone are listed."""
     number = sum(len(case.methods) for case in log.cases)
-    note = f"{log.log} is another log than the baseline's: {count(number, 'result')} not compared"
+    note = f"{log.log}: the log file changed since the baseline; {count(number, 'result')} not compared"
     was = _short(before.sha256 if before is not None else None)
     changed = Comparison(log=log.log, key="sha256", before=was, after=_short(log.sha256), verdict="changed", note=note)
     results = _results(log, _NOTHING, whole=False)
@@ -147,7 +149,7 @@ def _method(log: str, case: str, result: MethodResult, before: Figures) -> list[
     return [_compared(where, figure, value, figure.verdict(value)) for figure, value in values]
 
 
-def _compared(where: Mapping[str, str], figure: Figure, before: object, verdict: Verdict, note: str = "") -> Comparison:
+def _compared(where: Mapping[str, str], figure: Figure, before: Scalar, verdict: Verdict, note: str = "") -> Comparison:
     return Comparison(
         **where,
         key=figure.key,
@@ -176,8 +178,11 @@ def _expectation(log: LogResults, before: LogFigures) -> list[Comparison]:
         came = "improved" if any(result.status == "improved" for result in case.methods) else "kept"
         if came != log.expect:
             verdict = "worse" if log.expect == "improved" else "better"
-            values = {"before": log.expect, "after": came, "verdict": verdict, "note": note}
-            found.append(Comparison(log=log.log, case=case.case, key="expect", **values))
+            found.append(
+                Comparison(
+                    log=log.log, case=case.case, key="expect", before=log.expect, after=came, verdict=verdict, note=note
+                )
+            )
     return found
 
 

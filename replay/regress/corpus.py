@@ -26,16 +26,16 @@ import glob
 import os
 import pathlib
 import re
-import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 import msgspec
 
-from replay.base.documents import DocumentError, convert
+from replay.base.documents import DocumentError, convert, parse_toml
 from replay.base.errors import ReplayError, printable
 from replay.base.schemas.corpus import CorpusList, Known, LogDeclaration
+from replay.base.strict_json import JsonError, read_text
 from replay.regress.sources import STORES, find_objects
 
 CORPUS_ERROR = "E_CORPUS"
@@ -218,18 +218,12 @@ class _Declared:
 
 def read_list(path: pathlib.Path) -> _Declared:
     """Read a `corpus.toml`; an empty one where there is none. Raises ReplayError (E_CORPUS), one line."""
-    try:
-        content = path.read_bytes()
-    except (FileNotFoundError, NotADirectoryError):
+    if not path.exists():
         return _Declared()
-    except OSError as error:
-        raise ReplayError(CORPUS_ERROR, f"{path}: {error.strerror}") from error
     try:
-        text = content.decode("utf-8")
-        return _Declared(content=_list(tomllib.loads(text)), path=str(path), lines=_lines(text))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ReplayError(CORPUS_ERROR, f"{path}: not TOML: {error}") from error
-    except (DocumentError, ValueError) as error:
+        text = read_text(path, _LARGEST_LIST)
+        return _Declared(content=_list(parse_toml(text)), path=str(path), lines=_lines(text))
+    except (JsonError, DocumentError, ValueError) as error:
         raise ReplayError(CORPUS_ERROR, f"{path}: {error}") from error
 
 

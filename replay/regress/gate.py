@@ -18,7 +18,7 @@ Direction = Literal["lower", "higher", "exact"]
 STATUSES = ("failed", "kept", "improved")
 """The worst first."""
 ENOUGH_CLEARANCE = 0.5
-"""Clearance above which more is no better [m]: a path may pass a far obstacle at any distance."""
+"""Clearance above which more does not count [m]: a path may pass a far obstacle at any distance."""
 
 
 @dataclass(frozen=True, kw_only=True)

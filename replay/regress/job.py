@@ -40,7 +40,7 @@ class Job:
     folder: str
     """Folder of the run."""
     options: Options
-    """With the methods to run on this log."""
+    """Options of the run, with the methods to run on this log."""
     whole: bool = True
     """Whether these are all methods that the corpus wants for it."""
     before: LogFigures | None = None
@@ -171,7 +171,7 @@ def _case(run: Run) -> CaseResult:
 
 def _read(case: Case) -> ReadDocument:
     notes = tuple(note.replace(str(case.log), case.name) for note in case.read.notes)
-    return ReadDocument(**(dataclasses.asdict(case.read) | {"notes": notes}))
+    return ReadDocument(**dataclasses.asdict(dataclasses.replace(case.read, notes=notes)))
 
 
 def _method(run: MethodRun) -> MethodResult:

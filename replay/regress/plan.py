@@ -1,4 +1,4 @@
-"""A regression run: what it is to do, its folder, and doing it, or the rest of it."""
+"""Plan a regression run, start or resume it, and carry it out."""
 
 import contextlib
 import dataclasses

@@ -51,8 +51,8 @@ def _git(folder: pathlib.Path, *arguments: str) -> bytes:
 
 def versions() -> dict[str, Scalar]:
     """Versions of Python and of the packages that can change a figure; None for one that is not installed."""
-    packages = {name: installed_version(name) for name in (*PACKAGES, "casadi", "cvxpy", "clarabel")}
-    return {"python": platform.python_version()} | packages
+    packages: dict[str, Scalar] = {name: installed_version(name) for name in (*PACKAGES, "casadi", "cvxpy", "clarabel")}
+    return packages | {"python": platform.python_version()}
 
 
 def machine() -> dict[str, Scalar]:

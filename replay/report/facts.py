@@ -1,4 +1,4 @@
-"""What a run amounts to: its verdict in one line, and figures by method and class."""
+"""Facts of a run that all reports share: its verdict in one line, and figures by method and class."""
 
 import math
 import statistics
@@ -131,7 +131,7 @@ def headline(run: RunData) -> str:
 
 
 def _regression(run: RunData) -> str:
-    """How much fell short; `groups` says what."""
+    """Number of results that fell short; `groups` says which."""
     failing = run.failing
     results = {v: {(c.log, c.case, c.method) for c in failing if c.verdict == v} for v in VERDICTS if v in FAILING}
     nouns = {"changed": "log"}

@@ -1,4 +1,4 @@
-"""What the page shows of a run, in the order and the amount in which it shows it."""
+"""Rows of the page's tables, sorted and cut."""
 
 import urllib.parse
 from collections.abc import Mapping
@@ -26,14 +26,14 @@ class ChangeLine:
     kind: str
     """Class of the log."""
     href: str | None
-    """Of the case's recording, where there is one."""
+    """Link to the case's recording, where there is one."""
     unwritten: str
-    """Why it could not be written."""
+    """Why the recording could not be written."""
     difference: str
     sort: float | None
-    """By what the column of differences is sorted."""
+    """Sort key of the column of differences."""
     traceback: str
-    """Of a crash, where an exception was raised."""
+    """Traceback of a crash, where an exception was raised."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -85,7 +85,7 @@ def _cure(path: str, code: str) -> str:
         return ""
     file = pathlib.PurePath(path)
     name = file.stem if re.fullmatch(r"[A-Za-z0-9_-]+", file.stem) else json.dumps(file.stem)
-    return f'expected? in {file.parent / "corpus.toml"}: [logs.{name}] expect = "{code}"'
+    return f'if this is expected, add to {file.parent / "corpus.toml"}: [logs.{name}] expect = "{code}"'
 
 
 def _judged(error: UnreadLog, changes: Iterable[Change]) -> UnreadLog:

@@ -17,7 +17,9 @@ LONGEST_TEXT = 500
 LONGEST_COMMAND = 4000
 """Characters of a command: one that is cut cannot be pasted."""
 _MOST_LINES = 40
-_LONGEST = dict.fromkeys(("reason", "message", "note", "recording_error", "other_options"), LONGEST_TEXT)
+_LONGEST: dict[str, int] = dict.fromkeys(
+    ("reason", "message", "note", "recording_error", "other_options"), LONGEST_TEXT
+)
 _LONGEST |= dict.fromkeys(("accept", "view", "recording"), LONGEST_COMMAND)
 """Characters that the fields of documents may have, by name; others have `LONGEST_NAME`."""
 _T = TypeVar("_T")
@@ -45,7 +47,7 @@ def _field(name: str, value: Any) -> Any:
 
 
 def facts(data: object, prefix: str = "") -> dict[str, str]:
-    """What an object says, at whatever depth, by its keys joined with dots; values as text."""
+    """The values of an object as text, at whatever depth, by their keys joined with dots."""
     found: dict[str, str] = {}
     entries = plain(data)
     for key, value in entries.items() if isinstance(entries, dict) else ():

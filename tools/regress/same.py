@@ -22,7 +22,7 @@ from tools.regress.small_logs import write_corpus
 from tools.script import existing, from_one, method_name, run
 
 TIMES = ("wall_s", "reason", "path")
-"""What may differ: times, sentences in which times stand, and where the log was read from."""
+"""Fields that may differ: times, sentences that contain times, and the place of the log."""
 
 
 def main() -> int:

@@ -28,12 +28,12 @@ from tools.script import from_one, method_name, run
 MOST_EXECUTIONS = 1.2
 """Times each log may be worked on, on average."""
 MOST_GROWTH = 10.0
-"""Of the coordinator [MiB]."""
+"""Memory growth allowed for the coordinator [MiB]."""
 
 
 @dataclass(kw_only=True)
 class Seen:
-    """What was observed while a run went on."""
+    """Observations during a run."""
 
     killed: list[int] = field(default_factory=list)
     coordinators_killed_at: list[int] = field(default_factory=list)
@@ -117,7 +117,7 @@ def _coordinator(
 
 
 def report(run: pathlib.Path, count: int, seen: Seen, left: list[int]) -> int:
-    """Say what came of a storm; 1 where it is not as it should be."""
+    """Print the outcome of a storm; the exit status is 1 where results are lost, repeated too often or left running."""
     folder = RunFolder(run)
     documents = [document.log for document in folder.documents()]
     attempts = Counter((run / "attempts").read_text().split())

@@ -37,7 +37,7 @@ class MethodResult(Struct, frozen=True, kw_only=True):
     stop: str = ""
     reason: str = ""
     metrics: MetricsDocument = MetricsDocument()
-    """Of the method's path, which is the recorded one unless the status is "improved"."""
+    """Metrics of the method's path, which is the recorded one unless the status is "improved"."""
     audit: AuditDocument | None = None
     wall_s: Number = None
     rejected: AuditDocument | None = None
