@@ -20,7 +20,7 @@ from replay.base.kernels import drop_stale
 from replay.logs.container.log import Log, ReadLimits
 from replay.logs.container.scan import scan
 from replay.run.case import Case
-from replay.run.judge import Run
+from replay.run.outcome import Run
 
 if "PYTEST_XDIST_WORKER" not in os.environ:  # a worker must not delete what another one has just compiled
     drop_stale()

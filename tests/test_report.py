@@ -114,7 +114,7 @@ def test_figures_follow_from_the_rows(passed_run):
     found = figures(rows)
     product = 1.0
     for row in rows:
-        product *= row.result.metrics.objective / row.recorded.metrics.objective
+        product *= float(row.result.metrics.objective or 0.0) / float(row.recorded.metrics.objective or 0.0)
     assert found.ratio == pytest.approx(product ** (1 / 8))
     assert (found.results, found.improved, found.kept, found.failed) == (8, 8, 0, 0)
     assert min(ratios[0] for ratios in profiles(run).values()) == 1.0

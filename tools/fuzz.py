@@ -206,6 +206,7 @@ def _small_results() -> bytes:
     random_problem = importlib.import_module("scenes").random_problem
 
     from optim.methods.shortcut import Shortcut
+    from replay.base.documents import to_bytes
     from replay.run.case import Case, ReadReport
     from replay.run.judge import run_case
     from replay.run.results import to_document
@@ -216,7 +217,7 @@ def _small_results() -> bytes:
         name="x/0", log=pathlib.Path("x.mcap"), sha256="0" * 64, problem=problem, read=read, map=None, frame="map"
     )
     run = run_case(case, {"shortcut": Shortcut(tries=1)})
-    return json.dumps(to_document(run)).encode()
+    return to_bytes(to_document(run))
 
 
 def main() -> None:

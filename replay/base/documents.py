@@ -84,11 +84,14 @@ def _toml_float(digits: str) -> float | int:
     return 10**400 if math.isinf(value) and "inf" not in digits else value
 
 
-def convert(data: object, kind: type[Kind], at: str = "") -> Kind:
+def convert(data: object, kind: type[Kind], at: str = "", *, exact: bool = False) -> Kind:
     """Data as a struct, a dataclass or any other type that `msgspec` knows; `at` names their place in a document.
 
-    Raises DocumentError.
+    With `exact`, keys that a dataclass lacks are refused; a struct says so itself. Raises DocumentError.
     """
+    extra = next((key for key in data if key not in _hints(kind)), None) if exact and isinstance(data, dict) else None
+    if extra is not None:
+        raise DocumentError(unknown("key", str(extra)[:_LONGEST], _hints(kind), f"in {at}" if at else ""))
     try:
         return msgspec.convert(data, kind, strict=True)
     except msgspec.ValidationError as error:
@@ -229,7 +232,7 @@ def _concrete(found: _Found) -> Any:
 
 
 def _is_object(kind: Any) -> bool:
-    return get_origin(kind) is dict or bool(_hints(kind))
+    return get_origin(kind) in (dict, Mapping) or bool(_hints(kind))
 
 
 @functools.cache

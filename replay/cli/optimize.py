@@ -2,12 +2,12 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from cyclopts import Group, Parameter
 
 from optim.methods import METHODS
+from replay.base.schemas.results import ResultsDocument
 from replay.cli.console import Common, Voice
 from replay.cli.flags import MethodFlags, WeightFlags
 from replay.cli.options import UsageError, flag_class, options_of
@@ -116,7 +116,6 @@ def optimize(
         limits=settings.run.limits,
         jobs=settings.run.jobs,
         origin=origin,
-        settings=settings.to_dict(),
     )
     return session.run(inputs)
 
@@ -132,13 +131,13 @@ def _live(voice: Voice, view: bool, viewer: str | None, settings: Settings) -> L
         return None
 
 
-def _same_log(logs: list[pathlib.Path], document: Mapping[str, Any], source: pathlib.Path) -> pathlib.Path:
+def _same_log(logs: list[pathlib.Path], document: ResultsDocument, source: pathlib.Path) -> pathlib.Path:
     """The log of a results file: the one that was given, else where it was then, else beside the results file."""
     if len(logs) > 1:
         raise UsageError(f"--from repeats the run of one log, and {len(logs)} logs are given")
     if logs:
         return logs[0]
-    then = pathlib.Path(str(document["log"].get("path")))
+    then = pathlib.Path(document.log.path)
     for path in (then, source.parent / then, source.parent / then.name):
         if path.is_file():
             return path

@@ -36,7 +36,7 @@ from replay.regress.program import DIRTY
 from replay.regress.supervisor import run_here
 from replay.regress.timing import AGAINST_ERROR, check_version, time_against
 from replay.report.conclusion import Conclusion
-from replay.run.worker import Limits
+from replay.run.limits import Limits
 
 _FLAT = Parameter(name="*")
 _Words = Annotated[list[str] | None, Parameter(negative=())]

@@ -27,7 +27,7 @@ from replay.logs.container.folder import open_log
 from replay.logs.container.scan import scan
 from replay.logs.meaning.topics import EXPORTED
 from replay.logs.messages.ros2_definitions import PATH as DEFINITION
-from replay.run.judge import MethodRun, Run
+from replay.run.outcome import MethodRun, Run
 
 PATH: Final = "nav_msgs/msg/Path"
 _SECOND: Final = 1_000_000_000

@@ -8,15 +8,12 @@ from dataclasses import dataclass
 
 import msgspec
 
-from optim.audit.report import AuditReport
-from optim.model.metrics import Metrics
-from replay.base.documents import convert
 from replay.base.errors import LogError, ReplayError
 from replay.base.run_folder import RECORDINGS
 from replay.base.schemas.baseline import LogFigures
 from replay.base.schemas.corpus import Known
 from replay.base.schemas.log import LOG_SCHEMA, CaseResult, LogFailure, LogResults, MethodResult, Recorded, Work
-from replay.base.schemas.results import AuditDocument, MetricsDocument, ReadDocument
+from replay.base.schemas.results import ReadDocument
 from replay.base.schemas.verdicts import Comparison
 from replay.logs import read_cases
 from replay.regress.compare import compare_log, worst
@@ -25,7 +22,9 @@ from replay.regress.folder import RunFolder, file_stem
 from replay.regress.options import Options
 from replay.regress.sources import STORES, digest, local_file
 from replay.run.case import Case
-from replay.run.judge import MethodRun, Run, run_case
+from replay.run.judge import run_case
+from replay.run.outcome import MethodRun, Run
+from replay.run.results import audit_document, metrics_document
 from replay.run.solving import SolveEach
 
 OnStage = Callable[[str], None]
@@ -163,7 +162,7 @@ def _document(
 def _case(run: Run) -> CaseResult:
     return CaseResult(
         case=run.case.name,
-        recorded=Recorded(metrics=_metrics(run.recorded_metrics), audit=_audit(run.recorded_audit)),
+        recorded=Recorded(metrics=metrics_document(run.recorded_metrics), audit=audit_document(run.recorded_audit)),
         read=_read(run.case),
         methods=tuple(map(_method, run.methods)),
     )
@@ -180,21 +179,13 @@ def _method(run: MethodRun) -> MethodResult:
         status=run.status,
         stop=run.stop,
         reason=run.reason,
-        metrics=_metrics(run.metrics),
-        audit=_audit(run.audit),
+        metrics=metrics_document(run.metrics),
+        audit=audit_document(run.audit),
         wall_s=run.wall_s,
-        rejected=None if run.rejected is None else _audit(run.rejected),
+        rejected=None if run.rejected is None else audit_document(run.rejected),
         work=Work(iterations=run.iterations, evaluations=len(run.history)),
         traceback=run.traceback or msgspec.UNSET,
     )
-
-
-def _metrics(metrics: Metrics) -> MetricsDocument:
-    return MetricsDocument(**dataclasses.asdict(metrics))
-
-
-def _audit(report: AuditReport) -> AuditDocument:
-    return convert(report.to_dict(), AuditDocument)
 
 
 def _wants_recording(job: Job, case: str, found: Sequence[Comparison]) -> bool:

@@ -16,7 +16,7 @@ from replay.base.documents import plain
 from replay.base.schemas.baseline import Baseline
 from replay.base.schemas.run import MethodOptions, OptionsDocument
 from replay.logs import ReadOptions
-from replay.run.worker import Limits
+from replay.run.limits import Limits
 
 Recordings = Literal["all", "changed", "none"]
 """Cases that get a recording; changed: those with another verdict than "same" or "new"."""

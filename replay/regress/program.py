@@ -8,7 +8,7 @@ import platform
 import subprocess
 
 from replay.base.schemas.values import Scalar
-from replay.run.results import DISTRIBUTION, PACKAGES, installed_version
+from replay.base.versions import DISTRIBUTION, PACKAGES, installed_version
 
 DIRTY = "-dirty"
 """Part of the revision of a program whose files are not those of a commit."""

@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection
 from typing import IO, Any, Self
 
 from replay.regress.job import Job, Outcome, publish_error
-from replay.run.worker import BUSY, NO_LIMITS, Limits
+from replay.run.limits import BUSY, NO_LIMITS, Limits
 
 START_S = 120.0
 """Time for a worker to start and import what it needs [s]."""

@@ -28,7 +28,8 @@ def main() -> None:
 
 def _serve(pipe: Connection, packed_limits: bytes) -> None:
     from replay.regress.job import run_job
-    from replay.run.worker import Limits, Workers, limit_memory
+    from replay.run.limits import Limits
+    from replay.run.worker import Workers, limit_memory
 
     limits: Limits = pickle.loads(packed_limits)
     limit_memory(limits.memory_mib)

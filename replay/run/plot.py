@@ -32,7 +32,8 @@ def plot_paths(problem: Problem, paths: Mapping[str, Path], title: str) -> Any:
     except ModuleNotFoundError:
         raise ImportError(_NO_MATPLOTLIB) from None
     figure = Figure(figsize=(13.0, 6.4), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(1.15, 1.0))
+    halves: Any = figure.subfigures(1, 2, width_ratios=(1.15, 1.0))
+    left, right = halves
     figure.suptitle(title)
     looks = {name: style.colour for name, style in styles(paths).items()} | {RECORDED_NAME: RECORDED.colour}
     _draw_map(left.subplots(), problem, paths, looks)

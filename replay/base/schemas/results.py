@@ -1,12 +1,14 @@
 """Schema of a results file, `replay.results/1`: one case, its recorded path, and what each method made of it.
 
-Paths, vehicle, scene and weights are plain data here: the audit reads these parts itself, and judges what is wrong
-with them. Beyond the published schema a file holds, additively: `weights` (of the objective, which the audit
-recomputes), `scene.boundary` (the map's outline or null), `recorded_metrics` and `recorded_audit`,
-`methods[].rejected` (the audit of a rejected path), `read.lost`, `tool.python`, and, where the command line made the
-run, `tool.reading` and `tool.limits`: with them, it can be repeated exactly.
+Paths, vehicle, scene and weights are plain data here: the audit reads these parts itself, and judges what is wrong with
+them; `PathDocument` and `SceneDocument` say how they are where they are sound. Beyond what was published first a file
+holds, additively: `weights` (of the objective, which the audit recomputes), `scene.boundary` (the map's outline or
+null), `recorded_metrics` and `recorded_audit`, `methods[].rejected` (the audit of a rejected path), `read.lost`,
+`tool.python`, and, where the options of reading are known, `tool.reading` and `tool.limits`: with them, the run can be
+repeated exactly.
 """
 
+from collections.abc import Mapping
 from typing import Any, Final, Literal
 
 import msgspec
@@ -16,8 +18,38 @@ from replay.base.documents import Count, Number, Whole
 SCHEMA: Final = "replay.results/1"
 Optional = Number | msgspec.UnsetType
 """A number that a file of an older version may lack."""
-Plain = dict[str, Any]
+Plain = Mapping[str, Any]
 """Part of a document that is read elsewhere, with suspicion."""
+
+
+class SegmentDocument(msgspec.Struct, frozen=True, kw_only=True):
+    """Part of a path in one gear; as many values in each list as there are samples."""
+
+    direction: Literal[1, -1]
+    s: list[float]
+    """Arc length of the truck's rear axle from the segment's start [m]."""
+    x: list[float]
+    y: list[float]
+    theta: list[float]
+    alpha: list[float]
+    phi: list[float]
+
+
+class PathDocument(msgspec.Struct, frozen=True, kw_only=True):
+    """A path; SI units."""
+
+    segments: list[SegmentDocument]
+
+
+class SceneDocument(msgspec.Struct, frozen=True, kw_only=True):
+    """Every obstacle that the methods had to respect, as convex polygons [m]."""
+
+    polygons: list[list[tuple[float, float]]]
+    boundary: list[tuple[float, float]] | None = None
+    """The map's outline [m]."""
+    frame: str | None = None
+    margin: Number = None
+    """Clearance asked for [m]."""
 
 
 class MetricsDocument(msgspec.Struct, frozen=True, kw_only=True):
@@ -51,8 +83,8 @@ class CheckDocument(msgspec.Struct, frozen=True, kw_only=True):
 
     passed: bool = False
     sentence: str = ""
-    values: dict[str, Number] = msgspec.field(default_factory=dict)
-    limits: dict[str, Number] = msgspec.field(default_factory=dict)
+    values: Mapping[str, Number] = msgspec.field(default_factory=dict)
+    limits: Mapping[str, Number] = msgspec.field(default_factory=dict)
     place: PlaceDocument | None = None
 
 
@@ -61,7 +93,7 @@ class AuditDocument(msgspec.Struct, frozen=True, kw_only=True):
 
     passed: bool = False
     complete: bool | msgspec.UnsetType = msgspec.UNSET
-    checks: dict[str, CheckDocument] = msgspec.field(default_factory=dict)
+    checks: Mapping[str, CheckDocument] = msgspec.field(default_factory=dict)
 
 
 class IterateDocument(msgspec.Struct, frozen=True, kw_only=True):
@@ -71,7 +103,7 @@ class IterateDocument(msgspec.Struct, frozen=True, kw_only=True):
     objective: Number = None
     violation: Number = None
     step: Number = None
-    residuals: dict[str, Number] = msgspec.field(default_factory=dict)
+    residuals: Mapping[str, Number] = msgspec.field(default_factory=dict)
     accepted: bool = True
     trust_region: Number = None
     solver_s: Number = None
@@ -112,9 +144,9 @@ class ToolDocument(msgspec.Struct, frozen=True, kw_only=True):
     """The program that made a document, and the options of its run."""
 
     version: str | None = None
-    packages: dict[str, str | None] = msgspec.field(default_factory=dict)
+    packages: Mapping[str, str | None] = msgspec.field(default_factory=dict)
     python: str | None = None
-    options: dict[str, dict[str, Any]] = msgspec.field(default_factory=dict)
+    options: Mapping[str, Mapping[str, Any]] = msgspec.field(default_factory=dict)
     """Of each method by its name."""
     seed: Whole = 0
     reading: Plain | msgspec.UnsetType = msgspec.UNSET
