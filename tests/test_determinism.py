@@ -12,7 +12,7 @@ import pytest
 from logs_maker import sound_log
 
 from optim.methods import METHODS
-from replay.cli import use_one_thread
+from replay.base.threads import use_one_thread
 from tools.processes import REPLAY
 
 TIMES = ("wall_s", "compile_s", "solver_s")

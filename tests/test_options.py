@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 import pytest
 from cyclopts import App, Parameter
 
-from replay.cli.options import UsageError, flags_of, options_of, with_flags
+from replay.base.errors import UsageError
+from replay.cli.options import flags_of, options_of, with_flags
 from replay.cli.reading import read_vehicle
 
 

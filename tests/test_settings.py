@@ -11,7 +11,7 @@ from results_maker import results_data
 
 import replay.cli
 from optim.methods import METHODS
-from replay.cli.options import UsageError
+from replay.base.errors import UsageError
 from replay.cli.settings import layer_of_assignments, layer_of_file, layer_of_results, settled
 from replay.run.results import results_of
 

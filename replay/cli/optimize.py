@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 from cyclopts import Group, Parameter
 
 from optim.methods import METHODS
+from replay.base.errors import UsageError
 from replay.base.schemas.results import ResultsDocument
 from replay.cli.console import Common, Voice
 from replay.cli.flags import MethodFlags, WeightFlags
-from replay.cli.options import UsageError, flag_class, options_of
+from replay.cli.options import flag_class, options_of
 from replay.cli.outputs import Outputs
 from replay.cli.reading import Reading
 from replay.cli.session import Origin, Session

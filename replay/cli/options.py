@@ -17,17 +17,9 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from cyclopts import CycloptsError, Group, Parameter, Token, convert, default_name_transform
 from docstring_parser import parse_from_object
 
-from replay.base.errors import ReplayError
-from replay.cli.usage import USAGE_ERROR
+from replay.base.errors import UsageError
 
 _UNIT = re.compile(r"\[([^\[\]]+)\]")
-
-
-class UsageError(ReplayError):
-    """Arguments that cannot be used together, or a value out of its range."""
-
-    def __init__(self, message: str) -> None:
-        super().__init__(USAGE_ERROR, message)
 
 
 def read_toml(path: pathlib.Path, where: str) -> dict[str, Any]:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 from cyclopts import Group
 
 from optim.model.vehicle import Vehicle
-from replay.cli.options import Option, UsageError, flag_class, given, options_of, read_toml, with_flags
+from replay.base.errors import UsageError
+from replay.cli.options import Option, flag_class, given, options_of, read_toml, with_flags
 from replay.logs import ReadOptions
 
 _VEHICLE = Option(

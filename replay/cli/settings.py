@@ -22,10 +22,10 @@ from optim.model.method import Method
 from optim.model.objective import Weights
 from optim.model.vehicle import Vehicle
 from replay.base.documents import DocumentError, convert
+from replay.base.errors import UsageError, unknown
 from replay.base.schemas.results import ResultsDocument
-from replay.cli.options import Option, UsageError, given, options_of, read_toml, with_flags
+from replay.cli.options import Option, given, options_of, read_toml, with_flags
 from replay.cli.reading import READING, read_options
-from replay.cli.usage import unknown
 from replay.logs import ReadOptions
 from replay.run.limits import Limits
 

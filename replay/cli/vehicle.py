@@ -7,9 +7,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from optim.model.vehicle import Vehicle
-from replay.base.errors import printable
+from replay.base.errors import UsageError, printable
 from replay.cli.console import Common, Voice
-from replay.cli.options import UsageError, options_of
+from replay.cli.options import options_of
 from replay.cli.reading import read_vehicle
 from replay.cli.usage import ExitStatus, reflowed
 from replay.logs.container.folder import open_log
