@@ -1,5 +1,6 @@
 """Fixtures that more than one file of tests uses, and the profile of the property tests."""
 
+import os
 import pathlib
 import signal
 from collections.abc import Callable, Iterator
@@ -19,9 +20,10 @@ from replay.base.kernels import drop_stale
 from replay.logs.container.log import Log, ReadLimits
 from replay.logs.container.scan import scan
 from replay.run.case import Case
-from replay.run.judge import Run
+from replay.run.outcome import Run
 
-drop_stale()
+if "PYTEST_XDIST_WORKER" not in os.environ:  # a worker must not delete what another one has just compiled
+    drop_stale()
 settings.register_profile("replay", deadline=None, derandomize=True)  # the same examples on every machine
 settings.load_profile("replay")
 

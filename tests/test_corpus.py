@@ -24,7 +24,7 @@ from optim.steering.flat import Flat
 from replay.base.errors import LogError
 from replay.logs import read_cases
 from replay.run.judge import run_case
-from replay.run.results import path_to_document, scene_to_document
+from replay.run.plain import path_to_document, scene_to_document
 from tools.corpus.build import PLANNERS
 from tools.corpus.catalogue import FULL, SITES, Made, difference, make, make_log, read_list, write_list
 from tools.corpus.grid import draw_grid

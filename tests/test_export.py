@@ -20,6 +20,7 @@ from mcap_bytes import message as message_record
 from mcap_bytes import record as any_record
 from mcap_bytes import schema as schema_record
 from mcap_ros2.decoder import DecoderFactory
+from results_maker import results_data
 
 import replay.cli
 from replay.base.errors import LogError
@@ -27,7 +28,7 @@ from replay.logs import ReadOptions, read_cases
 from replay.logs.container.append import NewTopic, append
 from replay.logs.container.scan import scan
 from replay.logs.export import PATH, axle_poses, topic_names, write_export
-from replay.run.results import path_from_document, read_results
+from replay.run.plain import path_from_document
 
 QUICK = ["--method", "shortcut", "--shortcut.tries", "10", "--no-recording", "--export"]
 
@@ -165,7 +166,7 @@ def test_other_software_reads_the_paths_of_truck_and_trailer(exported):
     original, out = exported
     content = (out / "yard.optimised.mcap").read_bytes()
     assert content.startswith(data_section(original))
-    document = read_results(out / "yard.results.json")
+    document = results_data(out / "yard.results.json")
     expected = {method["name"]: path_from_document(method["path"]).samples.states for method in document["methods"]}
     cases = read_cases(out.parent / "yard.mcap")
     reader = make_reader(io.BytesIO(content), validate_crcs=True, decoder_factories=[DecoderFactory()])
@@ -201,7 +202,7 @@ def test_the_copy_is_read_as_the_log_was_and_an_exported_path_on_demand(exported
             np.testing.assert_array_equal(getattr(a, key), getattr(b, key))
     (chosen,) = read_cases(copy, ReadOptions(path_topic="/replay/shortcut/path"))
     assert chosen.read.hitch == "trailer path"
-    document = read_results(out / "yard.results.json")
+    document = results_data(out / "yard.results.json")
     length = document["methods"][0]["metrics"]["length"]
     assert chosen.problem.recorded.length == pytest.approx(length, rel=1e-3)
 

@@ -15,7 +15,7 @@ from optim.model.result import Result, Stop
 from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle
 from replay.cli.options import options_of
-from replay.run.results import path_to_document
+from replay.run.plain import path_to_document
 
 SEEDS = range(8)
 every_method = pytest.mark.parametrize("name", METHODS)

@@ -18,7 +18,7 @@ from optim.planning.lookup import lookup_table
 from optim.planning.protocol import Area, Planner, PlanningProblem
 from optim.planning.rrt import Rrt
 from optim.steering.flat import Flat
-from replay.run.results import path_to_document, scene_to_document
+from replay.run.plain import path_to_document, scene_to_document
 from tools.corpus.site import Wall
 
 VEHICLE = Vehicle()

@@ -14,7 +14,7 @@ from optim.model.scene import make_scene
 from replay.recording import picture, text
 from replay.recording.local import moved
 from replay.recording.tracks import PROGRESS, chosen_rows, progress
-from replay.run.judge import Run
+from replay.run.outcome import Run
 
 
 def test_a_recording_has_its_three_timelines_and_its_blueprint(one_read: Contents) -> None:

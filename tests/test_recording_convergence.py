@@ -7,7 +7,7 @@ from recording_reading import Contents, written
 
 from replay.recording.summary import convergence_help
 from replay.recording.tracks import tracks_of
-from replay.run.judge import Run
+from replay.run.outcome import Run
 
 
 def test_violations_are_plotted_only_of_methods_that_have_any(five_read: Contents, one_read: Contents) -> None:

@@ -24,7 +24,7 @@ from replay.base.style import ALARM, RECORDED, styles
 from replay.recording import picture, text, write_recording
 from replay.recording.tracks import chosen_rows, tracks_of
 from replay.recording.writing import Unwritable, recording_id, verify
-from replay.run.judge import Run
+from replay.run.outcome import Run
 
 
 def test_the_same_results_have_the_same_identity_and_others_have_another(one: Run, five: Run) -> None:

@@ -12,7 +12,8 @@ from recording_reading import Contents, names_in_blueprint, written
 from optim.model.scene import make_scene
 from replay.recording import scene
 from replay.recording.picture import frame_around, swept_area
-from replay.run.judge import Run, run_case
+from replay.run.judge import run_case
+from replay.run.outcome import Run
 
 POSES = "/scene/recorded/logged_poses"
 

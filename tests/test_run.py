@@ -20,7 +20,8 @@ from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle
 from replay.cli.tables import remarks, result_table, verdict
 from replay.run.case import Case, ReadReport
-from replay.run.judge import MOST_ITERATES, Interrupted, run_case
+from replay.run.judge import Interrupted, run_case
+from replay.run.outcome import MOST_ITERATES
 
 VEHICLE = Vehicle()
 BLOCK = np.array([[0.0, 6.0], [4.0, 6.0], [4.0, 9.0], [0.0, 9.0]])

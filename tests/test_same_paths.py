@@ -1,13 +1,15 @@
 """The comparison of two folders of results files: what counts as a difference, and what does not."""
 
 import copy
+import json
 import math
 import pathlib
 
 import pytest
 import results_maker as make
 
-from replay.run.results import plain, to_document, write_results
+from replay.base.documents import to_bytes
+from replay.run.results import to_document
 from tools.same_paths import main
 
 Document = make.Document
@@ -15,13 +17,13 @@ Document = make.Document
 
 @pytest.fixture(scope="module")
 def document() -> Document:
-    return plain(to_document(make.make_run()))
+    return json.loads(to_bytes(to_document(make.make_run())))
 
 
 def compared(tmp_path: pathlib.Path, first: Document, second: Document, *words: str) -> int:
     for name, document in (("a", first), ("b", second)):
         (tmp_path / name).mkdir()
-        write_results(tmp_path / name / "bay_01.results.json", document)
+        (tmp_path / name / "bay_01.results.json").write_text(json.dumps(document))
     return main([str(tmp_path / "a"), str(tmp_path / "b"), *words])
 
 

@@ -16,9 +16,8 @@ from optim.methods import METHODS
 from replay.base.errors import ReplayError
 from replay.cli import main
 from replay.regress.corpus import find_corpus
-from replay.regress.slot import Slot
-from replay.regress.stores import fetched
-from tools.regress.same import timeless
+from replay.regress.sources import fetched
+from replay.regress.supervisor import Supervisor
 
 
 @pytest.fixture(scope="module")
@@ -54,17 +53,17 @@ def test_a_prefix_is_a_corpus_and_its_results_are_those_of_the_files(bucket, tmp
     assert [log.name for log in found.logs] == ["bay_01", "sub/dock_01"]
     assert found.baseline is None
     methods = {"ddp": METHODS["ddp"]}
-    with Slot() as slot:
-        store, said = help.run(help.make_plan(bucket, methods), tmp_path / "runs", help.through(slot))
+    with Supervisor() as supervisor:
+        run, verdict = help.run(help.make_plan(bucket, methods), tmp_path / "runs", help.through(supervisor))
         folder = help.make_corpus(tmp_path / "corpus", ["bay_01"])
-        files, _ = help.run(help.make_plan(folder, methods), tmp_path / "files", help.through(slot))
-    assert said["state"] == "unjudged"
-    assert len(store.done()) == 2
-    there = {document["log"]: document for document in store.documents()}["bay_01"]
-    here = {document["log"]: document for document in files.documents()}["bay_01"]
-    assert there["path"] == f"{bucket}/bay_01.mcap"
-    assert timeless(there["cases"]) == timeless(here["cases"])
-    assert there["sha256"] == here["sha256"]
+        files, _ = help.run(help.make_plan(folder, methods), tmp_path / "files", help.through(supervisor))
+    assert verdict.state == "unjudged"
+    assert len(run.done()) == 2
+    (there,) = (log for log in run.documents() if log.log == "bay_01")
+    (here,) = files.documents()
+    assert there.path == f"{bucket}/bay_01.mcap"
+    assert help.results(run)["bay_01"]["cases"] == help.results(files)["bay_01"]["cases"]
+    assert there.sha256 == here.sha256
 
 
 def test_an_object_is_fetched_once_and_again_when_it_has_changed(bucket):

@@ -33,7 +33,7 @@ from optim.planning.hybrid import HybridAStar  # noqa: E402
 from optim.planning.protocol import GiveUp, Planner, PlanningProblem  # noqa: E402
 from optim.planning.rrt import Rrt  # noqa: E402
 from replay.base.kernels import drop_stale  # noqa: E402
-from replay.run.results import path_to_document, scene_to_document  # noqa: E402
+from replay.run.plain import path_to_document, scene_to_document  # noqa: E402
 from tools.corpus.build import problem_of  # noqa: E402
 from tools.corpus.families import CLASSES, draw_site  # noqa: E402
 from tools.corpus.grid import draw_grid  # noqa: E402

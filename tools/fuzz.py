@@ -75,13 +75,13 @@ def container(path: pathlib.Path, data: bytes) -> None:
 
 def messages(path: pathlib.Path, data: bytes) -> None:
     del path
-    families = sorted(MESSAGE_TYPES)
-    name = families[data[0] % len(families)] if data else families[0]
-    family = MESSAGE_TYPES[name]
+    names = sorted(MESSAGE_TYPES)
+    name = names[data[0] % len(names)] if data else names[0]
+    kind = MESSAGE_TYPES[name]
     with contextlib.suppress(PayloadError):
-        family.decode(data[1:], 0)
+        kind.decode(data[1:], 0)
     with contextlib.suppress(DefinitionError):
-        matching_definition(name, data[1:], family.standards)
+        matching_definition(name, data[1:], kind.standards)
 
 
 def idl(path: pathlib.Path, data: bytes) -> None:
@@ -91,15 +91,15 @@ def idl(path: pathlib.Path, data: bytes) -> None:
 
 
 def _foxglove(data: bytes, encodings: tuple[str, str]) -> None:
-    family = foxglove.MESSAGE_TYPES[_KINDS[data[0] % len(_KINDS)]] if data else foxglove.MESSAGE_TYPES[_KINDS[0]]
-    read = family.decoder(encodings, _definition(family.name) if encodings[0] == "protobuf" else b"")
+    decode = _decoder(_KINDS[data[0] % len(_KINDS)] if data else _KINDS[0], encodings)
     with contextlib.suppress(PayloadError):
-        read(data[1:])
+        decode(data[1:])
 
 
 @functools.cache
-def _definition(kind: str) -> bytes:
-    return foxglove_maker.definition(foxglove_maker.message(kind.removeprefix("foxglove.")))
+def _decoder(kind: str, encodings: tuple[str, str]) -> Callable[[bytes], Any]:
+    definition = foxglove_maker.definition(foxglove_maker.message(kind.removeprefix("foxglove.")))
+    return foxglove.MESSAGE_TYPES[kind].decoder(encodings, definition if encodings[0] == "protobuf" else b"")
 
 
 def protobuf(path: pathlib.Path, data: bytes) -> None:
@@ -206,6 +206,7 @@ def _small_results() -> bytes:
     random_problem = importlib.import_module("scenes").random_problem
 
     from optim.methods.shortcut import Shortcut
+    from replay.base.documents import to_bytes
     from replay.run.case import Case, ReadReport
     from replay.run.judge import run_case
     from replay.run.results import to_document
@@ -216,7 +217,7 @@ def _small_results() -> bytes:
         name="x/0", log=pathlib.Path("x.mcap"), sha256="0" * 64, problem=problem, read=read, map=None, frame="map"
     )
     run = run_case(case, {"shortcut": Shortcut(tries=1)})
-    return json.dumps(to_document(run)).encode()
+    return to_bytes(to_document(run))
 
 
 def main() -> None:

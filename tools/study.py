@@ -42,7 +42,8 @@ from replay.base.files import atomic_write  # noqa: E402
 from replay.base.kernels import drop_stale  # noqa: E402
 from replay.logs import read_cases  # noqa: E402
 from replay.run.judge import run_case  # noqa: E402
-from replay.run.worker import Limits, Workers  # noqa: E402
+from replay.run.limits import Limits  # noqa: E402
+from replay.run.worker import Workers  # noqa: E402
 from tools.corpus.catalogue import FULL, SITES, Entry, read_list  # noqa: E402
 from tools.script import existing, from_one, method_name, run  # noqa: E402
 from tools.study_descriptions import obstacles_report  # noqa: E402

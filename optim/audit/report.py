@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Self
+from dataclasses import dataclass
 
 from optim.audit.data import Array, Place
 from optim.audit.motion import BODIES
@@ -43,20 +42,6 @@ class Check:
         limit = self.limits[name]
         return self.values[name] / limit if limit else self.values[name]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data; what is not finite becomes None."""
-        place = None if self.place is None else {k: v for k, v in asdict(self.place).items() if v is not None}
-        parts = {"values": self.values, "limits": self.limits, "place": place}
-        return {"passed": self.passed, "sentence": self.sentence, **{k: _plain(v) for k, v in parts.items()}}
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> Self:
-        """Inverse of `to_dict`; null becomes NaN. Raises what Python raises for data of other types."""
-        values, limits = (_numbers(stored.get(part) or {}) for part in ("values", "limits"))
-        place = None if stored.get("place") is None else _place(stored["place"])
-        said = {"passed": bool(stored.get("passed")), "sentence": str(stored.get("sentence"))}
-        return cls(**said, values=values, limits=limits, place=place)
-
 
 @dataclass(frozen=True, kw_only=True)
 class AuditReport:
@@ -81,22 +66,6 @@ class AuditReport:
     def failures(self) -> tuple[str, ...]:
         """What is wrong, one line for each check that did not pass."""
         return tuple(f"{name}: {self.checks[name].sentence}" for name in self.failed)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, as the results file stores it."""
-        checks = {name: check.to_dict() for name, check in self.checks.items()}
-        return {"passed": self.passed, "complete": self.complete, "checks": checks}
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> Self:
-        """Inverse of `to_dict`. Raises what Python raises for data of other types.
-
-        A report that says "not passed" although none of its checks failed counts as incomplete.
-        """
-        checks = {name: Check.from_dict(check) for name, check in (stored.get("checks") or {}).items()}
-        passed, complete = bool(stored.get("passed")), bool(stored.get("complete", stored.get("passed")))
-        unexplained = not passed and all(check.passed for check in checks.values())
-        return cls(checks=checks, complete=complete and not unexplained)
 
     def __getattr__(self, name: str) -> Check:
         """The check of that name, as in `report.clearance.value`; AttributeError where it was not made."""
@@ -132,24 +101,3 @@ def at_least(what: str, values: Array, limit: float, place: Place) -> Check:
         limits={f"{body}_m": limit for body in BODIES},
         place=place,
     )
-
-
-def _numbers(stored: Mapping[str, Any]) -> dict[str, float]:
-    return {name: math.nan if value is None else float(value) for name, value in stored.items()}
-
-
-def _place(stored: Mapping[str, Any]) -> Place:
-    """A place may lack the body and the polygon."""
-    body, polygon = stored.get("body"), stored.get("polygon")
-    return Place(
-        segment=int(stored["segment"]),
-        s=float(stored["s"]),
-        body=None if body is None else str(body),
-        polygon=None if polygon is None else int(polygon),
-    )
-
-
-def _plain(part: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    if part is None:
-        return None
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in part.items()}

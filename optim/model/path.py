@@ -10,13 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from optim.model.kinematics import LARGEST_STEP, roll_out, roll_out_kernel
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, Float64, Int64, IntArray, frozen, frozen_int
+from optim.numerics.frames import data_frame
 from optim.numerics.kernel import kernel
 
 LENGTH_TOLERANCE = 1e-9
@@ -64,6 +65,10 @@ class Segment:
     def states(self) -> Array:
         """Columns x, y, theta, alpha. Shape (n, 4)."""
         return frozen(np.stack([self.x, self.y, self.theta, self.alpha], axis=1))
+
+    def __repr__(self) -> str:
+        gear = "forward" if self.direction > 0 else "reverse"
+        return f"Segment({gear}, {self.length:.2f} m, samples: {self.num_samples})"
 
     @property
     def num_samples(self) -> int:
@@ -146,6 +151,53 @@ class Path:
     def goal(self) -> Array:
         """Last state. Shape (4,)."""
         return self.segments[-1].states[-1]
+
+    @property
+    def segment(self) -> IntArray:
+        """Index of the segment of each sample. Shape (N,)."""
+        return self.samples.segment
+
+    @property
+    def s(self) -> Array:
+        """Arc length of each sample from the start of the path [m]; at a gear change twice the same. Shape (N,)."""
+        return self.samples.s
+
+    @property
+    def x(self) -> Array:
+        """Rear axle at each sample [m]. Shape (N,)."""
+        return self.samples.states[:, 0]
+
+    @property
+    def y(self) -> Array:
+        """Rear axle at each sample [m]. Shape (N,)."""
+        return self.samples.states[:, 1]
+
+    @property
+    def theta(self) -> Array:
+        """Truck heading at each sample [rad]. Shape (N,)."""
+        return self.samples.states[:, 2]
+
+    @property
+    def alpha(self) -> Array:
+        """Hitch angle at each sample [rad]. Shape (N,)."""
+        return self.samples.states[:, 3]
+
+    @property
+    def phi(self) -> Array:
+        """Steering angle at each sample [rad]. Shape (N,)."""
+        return self.samples.phi
+
+    def to_dataframe(self) -> Any:
+        """All samples, one row each: segment, direction, s, x, y, theta, alpha, phi; SI units and radians.
+
+        A pandas or polars DataFrame, whichever is installed; raises ImportError where neither is.
+        """
+        names = ("s", "x", "y", "theta", "alpha", "phi")
+        columns = {"segment": self.segment, "direction": self.samples.direction}
+        return data_frame(columns | {name: getattr(self, name) for name in names})
+
+    def __repr__(self) -> str:
+        return f"Path({self.length:.2f} m, gear changes: {self.num_cusps}, samples: {len(self.samples.s)})"
 
 
 def segment_from_states(direction: int, s: Array, states: Array, phi: Array) -> Segment:

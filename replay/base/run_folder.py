@@ -4,10 +4,9 @@ import os
 import pathlib
 from typing import Final
 
+from replay.base.documents import DocumentError, read_json
 from replay.base.errors import ReplayError
 from replay.base.schemas.run import LARGEST_HEAD, RunHead
-from replay.base.strict_json import JsonError
-from replay.base.typed import read_document
 
 HEAD: Final = "run.json"
 LOGS: Final = "logs"
@@ -25,8 +24,8 @@ def read_head(folder: pathlib.Path) -> RunHead:
         raise ReplayError(RUN_ERROR, f"{folder}: no such folder, expected one written by `replay regress`")
     path = folder / HEAD
     try:
-        return read_document(path, RunHead, LARGEST_HEAD)
-    except JsonError as error:
+        return read_json(path, RunHead, LARGEST_HEAD)
+    except DocumentError as error:
         raise ReplayError(RUN_ERROR, f"{path}: {error}; expected the folder of a run of `replay regress`") from None
 
 

@@ -14,7 +14,7 @@ from replay.base.errors import OutputLost, ReplayError
 from replay.base.kernels import drop_stale
 from replay.cli.invoked import to_paste
 from replay.cli.signals import like_ctrl_c
-from replay.cli.usage import USAGE_ERROR, ExitStatus, command_of, example, unknown
+from replay.cli.usage import USAGE_ERROR, ExitStatus, command_of, drop_output, example, unknown
 
 COMMANDS = {
     "optimize": "Improve the recorded paths of logs; write a Rerun recording and a results file for each.",
@@ -108,11 +108,6 @@ def use_one_thread() -> None:
     are small, so threads would only cost time. Takes effect because no command has loaded numpy yet.
     """
     os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
-
-
-def drop_output() -> None:
-    """Let what is still to be written on standard output go nowhere, also when Python ends."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _missing(error: MissingArgumentError, command: Sequence[str]) -> str:

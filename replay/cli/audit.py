@@ -6,12 +6,13 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from replay.base.documents import plain
 from replay.base.errors import ReplayError
 from replay.cli.console import Common, Voice
 from replay.cli.tables import checks_table
 from replay.cli.usage import ExitStatus, reflowed
 from replay.run.confirm import Verdict, audit_results
-from replay.run.results import read_results
+from replay.run.results import audit_document, read_results
 
 
 @reflowed
@@ -56,7 +57,7 @@ def _audit_file(voice: Voice, path: pathlib.Path) -> dict[str, Any]:
     for verdict in verdicts:
         for sentence in (*verdict.report.failures, *verdict.differences):
             voice.error(f"{path}: {verdict.name}: {sentence}")
-    paths = [{"name": v.name, "audit": v.report.to_dict(), "differences": v.differences} for v in verdicts]
+    paths = [{"name": v.name, "audit": plain(audit_document(v.report)), "differences": v.differences} for v in verdicts]
     return {"file": str(path), "error": None, "passed": passed, "paths": paths}
 
 

@@ -21,7 +21,7 @@ from replay.logs.meaning.assemble import cases_of
 from replay.logs.meaning.topics import Topic, is_wanted, topics_of
 from replay.logs.meaning.understood import uses
 from replay.run.case import Case
-from replay.run.results import scene_to_document
+from replay.run.plain import scene_to_document
 
 _HITCH = {
     "trailer path": "from the trailer's path",

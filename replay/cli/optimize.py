@@ -2,20 +2,19 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from cyclopts import Group, Parameter
 
 from optim.methods import METHODS
-from optim.model.objective import Weights
+from replay.base.schemas.results import ResultsDocument
 from replay.cli.console import Common, Voice
-from replay.cli.options import UsageError, flag_class, flags_of, options_of
+from replay.cli.flags import MethodFlags, WeightFlags
+from replay.cli.options import UsageError, flag_class, options_of
 from replay.cli.outputs import Outputs
 from replay.cli.reading import Reading
 from replay.cli.session import Origin, Session
 from replay.cli.settings import (
-    WEIGHTS,
     Layer,
     RunOptions,
     Settings,
@@ -30,12 +29,8 @@ from replay.recording.viewer import LiveView, NoViewer, open_viewer
 from replay.run.results import read_results
 
 if TYPE_CHECKING:
-    MethodFlags: TypeAlias = Any
-    WeightFlags: TypeAlias = Any
     RunFlags: TypeAlias = Any
 else:
-    MethodFlags = flags_of(METHODS, "Options of {name}")
-    WeightFlags = flags_of({WEIGHTS: Weights()}, "Weights of the objective J")
     # names for the help and for completion; a chain is any text
     _NAMES = tuple[Literal[tuple(METHODS)] | str, ...] | None
     RunFlags = flag_class(
@@ -121,7 +116,6 @@ def optimize(
         limits=settings.run.limits,
         jobs=settings.run.jobs,
         origin=origin,
-        settings=settings.to_dict(),
     )
     return session.run(inputs)
 
@@ -137,13 +131,13 @@ def _live(voice: Voice, view: bool, viewer: str | None, settings: Settings) -> L
         return None
 
 
-def _same_log(logs: list[pathlib.Path], document: Mapping[str, Any], source: pathlib.Path) -> pathlib.Path:
+def _same_log(logs: list[pathlib.Path], document: ResultsDocument, source: pathlib.Path) -> pathlib.Path:
     """The log of a results file: the one that was given, else where it was then, else beside the results file."""
     if len(logs) > 1:
         raise UsageError(f"--from repeats the run of one log, and {len(logs)} logs are given")
     if logs:
         return logs[0]
-    then = pathlib.Path(str(document["log"].get("path")))
+    then = pathlib.Path(document.log.path)
     for path in (then, source.parent / then, source.parent / then.name):
         if path.is_file():
             return path

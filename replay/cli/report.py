@@ -5,9 +5,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from replay.base.documents import plain
 from replay.base.errors import ReplayError
 from replay.base.files import WRITE_ERROR
-from replay.base.typed import to_plain
 from replay.cli.console import Common, Voice
 from replay.cli.usage import ExitStatus, reflowed
 from replay.report import make_report
@@ -54,7 +54,7 @@ def report(
     if not found.complete:
         voice.note("the run is unfinished: the same `replay regress` with --resume does the rest")
     document = {"schema": "replay.report/1", "exit_status": int(status), "files": list(found.files)}
-    voice.document(document | {"summary": to_plain(made.summary)})
+    voice.document(document | {"summary": plain(made.summary)})
     return status
 
 

@@ -11,9 +11,11 @@ from typing import Any
 from optim.model.method import Method
 from optim.model.objective import Weights
 from optim.model.result import Iterate
+from replay.base.documents import plain
 from replay.base.errors import LogError, OutputLost, ReplayError
 from replay.base.files import reserved
 from replay.base.kernels import any_compiled
+from replay.base.schemas.results import ResultsDocument, ToolDocument
 from replay.cli.console import Voice
 from replay.cli.outputs import Names, Outputs
 from replay.cli.tables import reasons, recorded_failures, remarks, result_table, verdict
@@ -22,11 +24,13 @@ from replay.logs import ReadOptions, read_cases
 from replay.logs.export import write_export
 from replay.recording.viewer import LiveView
 from replay.run.case import Case
-from replay.run.judge import Interrupted, MethodRun, Run, run_case
+from replay.run.judge import Interrupted, run_case
+from replay.run.limits import NO_LIMITS, Limits
+from replay.run.outcome import MethodRun, Run
 from replay.run.progress import Progress
-from replay.run.results import to_document, tool, write_results
+from replay.run.results import audit_document, program, to_document, write_results
 from replay.run.solving import SolveEach, solve_in_turn
-from replay.run.worker import NO_LIMITS, Limits, Workers, can_isolate, usable_cores
+from replay.run.worker import Workers, can_isolate, usable_cores
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -69,14 +73,13 @@ class Origin:
     """Of its log."""
     case: str
     """Its request, as STEM/0."""
-    tool: Mapping[str, Any]
+    tool: ToolDocument
     """The program that made it."""
 
     @classmethod
-    def of(cls, document: Mapping[str, Any], source: pathlib.Path) -> "Origin":
+    def of(cls, document: ResultsDocument, source: pathlib.Path) -> "Origin":
         """From a results document."""
-        log = document["log"]
-        return cls(source=str(source), sha256=str(log.get("sha256")), case=str(log.get("case")), tool=document["tool"])
+        return cls(source=str(source), sha256=document.log.sha256, case=document.log.case, tool=document.tool)
 
     def chosen(self, cases: Sequence[Case]) -> list[Case]:
         """The same request of the same log. Raises ReplayError where it is another log, or has no such request."""
@@ -93,8 +96,8 @@ class Origin:
     @property
     def differences(self) -> list[str]:
         """Programs of another version than then: numbers may differ."""
-        now = tool()
-        then = {"replay": self.tool.get("version"), **dict(self.tool.get("packages") or {})}
+        now = program()
+        then = {"replay": self.tool.version, **self.tool.packages}
         here = {"replay": now["version"], **now["packages"]}
         return [f"{name} {then[name]} then, {here[name]} now" for name in here if then.get(name) != here[name]]
 
@@ -118,8 +121,6 @@ class Session:
     jobs: int = 1
     """Methods that run at the same time, on as many cores at most."""
     origin: Origin | None = None
-    settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """More of the options, for the results file."""
 
     def run(self, logs: Sequence[pathlib.Path]) -> ExitStatus:
         """Run all logs; the exit status. What was finished before a Ctrl-C is written and shown."""
@@ -161,8 +162,9 @@ class Session:
             for note in case.read.notes:
                 self.voice.note(f"{case.name}: {note}")
             weighted = dataclasses.replace(case.problem, weights=self.weights)
+            named = dataclasses.replace(case, problem=weighted, reading=asdict(self.read))
             with reserved(names.results):
-                self._run_case(work, dataclasses.replace(case, problem=weighted), names)
+                self._run_case(work, named, names)
 
     def _wanted(self, cases: Sequence[Case]) -> Sequence[Case]:
         if self.origin is None:
@@ -192,6 +194,7 @@ class Session:
                 run = self._run_methods(case, work.solver, progress)
             except Interrupted as interrupted:
                 run, interruption = interrupted.run, interrupted
+        run = dataclasses.replace(run, limits=self.limits)
         if run.methods:
             work.finished.append(run)
             self._finish_case(work, run, names)
@@ -229,7 +232,7 @@ class Session:
         work.entry.cases.append(_case_document(run, written))
         with self._failures_kept(work.entry, writing=True), self._progress(work) as progress:
             progress.show(run.case.name, f"writing {names.results.name}")
-            write_results(names.results, to_document(run, self.settings))
+            write_results(names.results, to_document(run))
             written.append(str(names.results))
             if self.recording:
                 from replay.recording import write_recording  # Rerun takes a second to load
@@ -307,12 +310,12 @@ def _case_document(run: Run, written: list[str]) -> dict[str, Any]:
     """A run in the JSON document: all numbers of the results file but the paths."""
     return {
         "case": run.case.name,
-        "recorded": {"metrics": asdict(run.recorded_metrics), "audit": run.recorded_audit.to_dict()},
+        "recorded": {"metrics": asdict(run.recorded_metrics), "audit": plain(audit_document(run.recorded_audit))},
         "best": run.best.name if run.best else None,
         "methods": [
             {key: getattr(method, key) for key in ("name", "status", "stop", "reason", "iterations", "wall_s")}
-            | {"metrics": asdict(method.metrics), "audit": method.audit.to_dict()}
-            | {"rejected": None if method.rejected is None else method.rejected.to_dict()}
+            | {"metrics": asdict(method.metrics), "audit": plain(audit_document(method.audit))}
+            | {"rejected": None if method.rejected is None else plain(audit_document(method.rejected))}
             for method in run.methods
         ],
         "files": written,

@@ -5,7 +5,6 @@ by name, `weights`, `reading`, and the empty name for what concerns the whole ru
 particular one on top; what none of them names has its default.
 """
 
-import dataclasses
 import math
 import pathlib
 import tomllib
@@ -15,16 +14,20 @@ from functools import cache
 from types import UnionType
 from typing import Any, Final, Literal, Union, get_args, get_origin
 
+from msgspec import UNSET
+
 from optim.methods import METHODS
 from optim.methods.chain import named
 from optim.model.method import Method
 from optim.model.objective import Weights
 from optim.model.vehicle import Vehicle
+from replay.base.documents import DocumentError, convert
+from replay.base.schemas.results import ResultsDocument
 from replay.cli.options import Option, UsageError, given, options_of, read_toml, with_flags
 from replay.cli.reading import READING, read_options
 from replay.cli.usage import unknown
 from replay.logs import ReadOptions
-from replay.run.worker import Limits
+from replay.run.limits import Limits
 
 RUN: Final = ""
 WEIGHTS: Final = "weights"
@@ -78,11 +81,6 @@ class Settings:
     """Those to run, in this order: methods and chains of methods."""
     read: ReadOptions
     weights: Weights
-
-    def to_dict(self) -> dict[str, Any]:
-        """What a results file holds of them beside the methods' options and the weights; see `layer_of_results`."""
-        limits = {"time_s": self.run.limits.time_s, "memory_mib": self.run.limits.memory_mib}
-        return {"reading": dataclasses.asdict(self.read), "limits": limits}
 
 
 @cache
@@ -252,49 +250,48 @@ def _as_type(value: Any, hint: Any) -> Any:
     return value
 
 
-def layer_of_results(document: Mapping[str, Any], source: str) -> Layer:
+def layer_of_results(document: ResultsDocument, source: str) -> Layer:
     """All options that a results file was made with. Raises UsageError where it does not hold them.
 
     Options that the file does not know yet have their defaults.
     """
-    tool = document["tool"]
+    tool = document.tool
     where = f"--from {source}"
-    options = tool.get("options")
-    reading, limits = tool.get("reading"), tool.get("limits")
-    if not all(isinstance(part, Mapping) for part in (options, reading, limits)):
-        raise UsageError(f"{where}: it does not hold the options of its run (tool.options, reading and limits)")
-    ran = [method["name"] for method in document["methods"]]
-    layer: dict[str, dict[str, Any]] = {RUN: {"method": (*ran, *(name for name in options if name not in ran))}}
-    layer[RUN]["seed"] = _option(RUN, "seed", tool.get("seed"), where)[1]
-    for limit, stored in (("time_limit", "time_s"), ("memory_limit", "memory_mib")):
-        if limits.get(stored) is not None:
-            layer[RUN][limit] = _option(RUN, limit, limits[stored], where)[1]
+    reading, limits = tool.reading, tool.limits
+    if reading is UNSET or limits is UNSET:
+        raise UsageError(f"{where}: it does not hold the options of its run (tool.reading and tool.limits)")
+    ran = [method.name for method in document.methods]
+    layer: dict[str, dict[str, Any]] = {RUN: {"method": (*ran, *(name for name in tool.options if name not in ran))}}
+    layer[RUN]["seed"] = tool.seed
+    for limit, stored in (("time_limit", limits.time_s), ("memory_limit", limits.memory_mib)):
+        if stored is not None:
+            layer[RUN][limit] = stored
     known = {name: value for name, value in reading.items() if name != "vehicle" and value is not None}
     layer[READ] = {name: _option(READ, name, value, where)[1] for name, value in known.items()}
     if reading.get("vehicle") is not None:
         layer[READ]["vehicle"] = _vehicle(reading["vehicle"], where)
-    layer[WEIGHTS] = {name: _option(WEIGHTS, name, value, where)[1] for name, value in document["weights"].items()}
-    for name, values in _by_method(options, where):
+    layer[WEIGHTS] = {name: _option(WEIGHTS, name, value, where)[1] for name, value in document.weights.items()}
+    for name, values in _by_method(tool.options, where):
         found = {key: _option(name, key, value, where)[1] for key, value in values.items() if value is not None}
         if layer.setdefault(name, found) != found:
             raise UsageError(f"{where}: it holds two sets of options for {name}, one alone and one in a chain")
     return layer
 
 
-def _by_method(options: Mapping[str, Any], where: str) -> Iterable[tuple[str, Mapping[str, Any]]]:
+def _by_method(options: Mapping[str, Mapping[str, Any]], where: str) -> Iterable[tuple[str, Mapping[str, Any]]]:
     """The options of each method, those of a chain's parts too."""
     for name, values in options.items():
         parts = {name: values} if name in METHODS else values
-        if not isinstance(parts, Mapping) or not all(isinstance(part, Mapping) for part in parts.values()):
-            raise UsageError(f"{where}: the options of {name!r} are no table")
-        for part in parts:
+        for part, own in parts.items():
+            if not isinstance(own, Mapping):
+                raise UsageError(f"{where}: the options of {name!r} are no table")
             if part not in METHODS:
                 raise UsageError(f"{where}: {unknown('method', part, METHODS)}")
-        yield from parts.items()
+            yield part, own
 
 
 def _vehicle(values: Any, where: str) -> Vehicle:
     try:
-        return Vehicle(**values)
-    except (TypeError, ValueError) as error:
-        raise UsageError(f"{where}: its vehicle cannot be used: {error}") from error
+        return convert(values, Vehicle, "its vehicle", exact=True)
+    except DocumentError as error:
+        raise UsageError(f"{where}: {error}") from error

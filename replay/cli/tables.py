@@ -11,7 +11,7 @@ from rich.text import Text
 from optim.audit.report import AuditReport, Check
 from optim.model.metrics import Metrics
 from replay.base.errors import printable
-from replay.run.judge import AS_GOOD, Run
+from replay.run.outcome import AS_GOOD, Run
 
 _STYLE_OF_STATUS = {"improved": "green", "kept": "yellow", "failed": "red"}
 

@@ -3,6 +3,8 @@
 import difflib
 import enum
 import inspect
+import os
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
@@ -26,6 +28,11 @@ class ExitStatus(enum.IntEnum):
     """Done, but part of an input was lost, or some of several inputs could not be read."""
     INTERRUPTED = 130
     """Stopped by Ctrl-C; what was finished is kept. Stopped by SIGTERM or SIGHUP it is 143 or 129 (`cli.signals`)."""
+
+
+def drop_output() -> None:
+    """Discard what is still to be written on standard output, also when Python ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def unknown(kind: str, word: str, choices: Iterable[str], where: str = "") -> str:

@@ -18,16 +18,12 @@ Entities, with <path> = recorded or a method's name (- for a chain's +):
 """
 
 import pathlib
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 from replay.base.errors import ReplayError
 from replay.base.files import atomic_write
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from replay.base.style import Style
-    from replay.run.judge import Run
+from replay.base.style import Style
+from replay.run.outcome import Run
 
 __all__ = ["prepare", "write_recording"]
 
@@ -41,7 +37,7 @@ def prepare() -> None:
     rr.Transform3D(mat3x3=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])  # pyarrow loads pandas, if it is there
 
 
-def write_recording(run: "Run", path: pathlib.Path, looks: "Mapping[str, Style] | None" = None) -> None:
+def write_recording(run: Run, path: pathlib.Path, looks: Mapping[str, Style] | None = None) -> None:
     """Write the run as one .rrd file that opens on its verdict. `looks` are styles by method, if not their own.
 
     The file is written under a temporary name, read back, and only then gets its name: a file of that name is

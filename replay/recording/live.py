@@ -6,7 +6,8 @@ The entities are those of the recording in the file (see `replay.recording`), un
 import contextlib
 import itertools
 import uuid
-from typing import TYPE_CHECKING, Final
+from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 import rerun as rr
@@ -24,10 +25,7 @@ from replay.recording.text import plain
 from replay.recording.tracks import tracks_of
 from replay.recording.writing import APPLICATION, fill
 from replay.run.case import Case
-from replay.run.judge import Run
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from replay.run.outcome import Run
 
 _PATIENCE_S: Final = 5.0
 """For a viewer to take what was sent [s]."""
@@ -36,7 +34,7 @@ _PATIENCE_S: Final = 5.0
 class LiveRecording:
     """One case in a viewer at `url`. Raises RuntimeError or ValueError where the viewer does not take it."""
 
-    def __init__(self, url: str, case: Case, looks: "Mapping[str, Style]") -> None:
+    def __init__(self, url: str, case: Case, looks: Mapping[str, Style]) -> None:
         (case, self._offset), self._looks = localised_case(case), looks
         self._steps = {name: itertools.count() for name in looks}
         self._stream = rr.RecordingStream(APPLICATION, recording_id=f"{plain(case.name)} live {uuid.uuid4().hex[:12]}")

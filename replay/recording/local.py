@@ -10,7 +10,7 @@ from optim.model.result import Picture
 from optim.model.scene import Scene
 from optim.numerics.arrays import Array, frozen
 from replay.run.case import Case
-from replay.run.judge import MethodRun, Run
+from replay.run.outcome import MethodRun, Run
 
 FAR: Final = 4096.0
 """Distance from the origin [m] beyond which coordinates are shifted: single precision resolves half a millimetre."""

@@ -4,23 +4,20 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from optim.audit.report import AuditReport
 from optim.model.metrics import Metrics
 from optim.numerics.arrays import Array
 from replay.recording.text import cell, change, count, measured, number, table
 from replay.recording.tracks import Track
-from replay.run.judge import AS_GOOD
-
-if TYPE_CHECKING:
-    from replay.run.judge import Run
+from replay.run.outcome import AS_GOOD, Run
 
 _NO_VALUE = "–"
 _LONGEST_OPTION = 60  # characters
 
 
-def summary(run: "Run", tracks: list[Track], best: Track | None) -> str:
+def summary(run: Run, tracks: list[Track], best: Track | None) -> str:
     """Verdict first, then the table, then every method's reason in its own words."""
     lines = [*_verdict(tracks, best, run.case.problem.required_clearance), *_as_good(run, tracks)]
     lines += ["", _comparison(tracks, best), ""]
@@ -97,7 +94,7 @@ def _mark(track: Track) -> str:
     return {"improved": "✓", "kept": "kept", "failed": "✗ failed"}.get(track.status, cell(track.status))
 
 
-def _as_good(run: "Run", tracks: list[Track]) -> list[str]:
+def _as_good(run: Run, tracks: list[Track]) -> list[str]:
     """Other methods that are as good: the time that they take may decide then."""
     names = [cell(track.style.label) for track in tracks if track.run in run.as_good]
     return ["", f"As good within {100.0 * AS_GOOD:g} %: {', '.join(names)}"] if names else []
@@ -115,7 +112,7 @@ def _outcome(track: Track) -> str:
     return f"- **{cell(track.style.label)}** {what} ({cell(run.stop)}, {run.iterations} iterations): {cell(run.reason)}"
 
 
-def _warnings(run: "Run", recorded: Track) -> list[str]:
+def _warnings(run: Run, recorded: Track) -> list[str]:
     """What is odd about the log or the recorded path."""
     lines = [f"- ⚠ The recorded path fails its audit. {cell(text)}" for text in recorded.audit.failures]
     if run.case.read.lost:
@@ -155,7 +152,7 @@ def residuals_help() -> str:
     )
 
 
-def vehicle_sheet(run: "Run") -> str:
+def vehicle_sheet(run: Run) -> str:
     """Dimensions in metres, limits in degrees, and what the objective weighs."""
     problem = run.case.problem
     vehicle = problem.vehicle
@@ -185,7 +182,7 @@ def vehicle_sheet(run: "Run") -> str:
     return "\n".join(["# Vehicle", "", table(rows), "", "## Objective", "", cell(formula), "", table(weights)])
 
 
-def run_sheet(run: "Run", version: str, offset: Array) -> str:
+def run_sheet(run: Run, version: str, offset: Array) -> str:
     """Where the data come from, and the options of every method."""
     case = run.case
     read, turn = case.read, math.degrees(case.read.max_deviation_rad)
@@ -211,7 +208,7 @@ def run_sheet(run: "Run", version: str, offset: Array) -> str:
     return "\n".join(lines)
 
 
-def _map_size(run: "Run") -> str:
+def _map_size(run: Run) -> str:
     grid = run.case.map
     if grid is None:
         return "shapes"

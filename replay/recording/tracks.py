@@ -4,7 +4,7 @@ import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from shapely.geometry.base import BaseGeometry
@@ -18,9 +18,7 @@ from optim.model.result import Iterate, Picture
 from optim.numerics.arrays import Array, IntArray
 from replay.base.style import RECORDED, Style, styles
 from replay.recording.picture import swept_area
-
-if TYPE_CHECKING:
-    from replay.run.judge import MethodRun, Run
+from replay.run.outcome import MethodRun, Run
 
 PROGRESS: Final = 1000
 """Last value of the timeline `progress`."""
@@ -55,7 +53,7 @@ class Track:
     """From the nearer body to its nearest obstacle [m], inf without obstacles. Shape (R,)."""
     nearest: Array
     """The two points that are that far apart, on the body and on the obstacle. Shape (R, 2, 2)."""
-    run: "MethodRun | None" = None
+    run: MethodRun | None = None
     """What the method made of the case; None for the recorded path."""
 
     @property
@@ -83,7 +81,7 @@ class Track:
         return max(0, len(self.run.history) - 1) if self.run is not None else 0
 
 
-def tracks_of(run: "Run", looks: Mapping[str, Style] | None = None) -> list[Track]:
+def tracks_of(run: Run, looks: Mapping[str, Style] | None = None) -> list[Track]:
     """The recorded path, then every method's in the order in which they ran; `looks` instead of their own styles."""
     problem = run.case.problem
     path, values, audit = problem.recorded, run.recorded_metrics, run.recorded_audit
@@ -99,7 +97,7 @@ def tracks_of(run: "Run", looks: Mapping[str, Style] | None = None) -> list[Trac
     return tracks
 
 
-def best_of(run: "Run", tracks: list[Track]) -> Track | None:
+def best_of(run: Run, tracks: list[Track]) -> Track | None:
     """The track of the run's best path, or None."""
     return next((track for track in tracks if track.run is not None and track.run is run.best), None)
 

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Final
 from optim.model.result import Iterate
 from replay.base.style import styles
 from replay.run.case import Case
+from replay.run.outcome import Run
 
 if TYPE_CHECKING:
     from replay.recording.live import LiveRecording
-    from replay.run.judge import Run
 
 START_S: Final = 15.0
 """Time that a new viewer has to answer [s]."""
@@ -123,7 +123,7 @@ class LiveView:
         if recording is not None:
             self._guarded(lambda: recording.iterate(name, iterate))
 
-    def finish(self, run: "Run") -> None:
+    def finish(self, run: Run) -> None:
         """The case is done."""
         recording = self._recording
         if recording is not None:

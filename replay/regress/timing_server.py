@@ -1,7 +1,8 @@
 """Times methods of whatever version of the program it is run with: a program of its own, started by its path.
 
 Each line of standard input is a request, {"log": path, "method": name}; each line of standard output the answer,
-{"seconds": one number for each case} or {"error": one line}. It uses nothing but what every version has.
+{"seconds": one number for each case} or {"error": one line}. It uses nothing but what every
+version has.
 """
 
 import json

@@ -12,10 +12,10 @@ import pathlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from replay.base.documents import plain
 from replay.base.files import atomic_write
 from replay.base.run_folder import SUMMARY_FILE
-from replay.base.schemas.summary import Summary
-from replay.base.typed import to_plain
+from replay.base.schemas.summary import SUMMARY_SCHEMA, Summary
 from replay.report.facts import by_class, by_method, headline, ranked, state, tally
 from replay.report.history import point, trend
 from replay.report.model import RunData
@@ -53,7 +53,7 @@ def make_report(folder: pathlib.Path, history: pathlib.Path | None = None) -> Re
         "report.html": page(run, points).encode("utf-8", "backslashreplace"),
         "junit.xml": junit(run),
         "report.md": markdown(run).encode("utf-8", "backslashreplace"),
-        SUMMARY_FILE: json.dumps(to_plain(summary), indent=1, sort_keys=True).encode() + b"\n",
+        SUMMARY_FILE: json.dumps(plain(summary), indent=1, sort_keys=True).encode() + b"\n",
     }
     for name in FILES:
         with atomic_write(folder / name) as temporary:
@@ -68,6 +68,7 @@ def summarize(run: RunData) -> Summary:
     """The run's figures as a document."""
     head = run.head
     return Summary(
+        schema=SUMMARY_SCHEMA,
         run=run.name,
         created=head.created,
         revision=head.revision,

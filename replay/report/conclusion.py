@@ -1,4 +1,4 @@
-"""What a command says of a run: a few lines, whose number does not grow with the run."""
+"""The verdict on a run in a few lines, for the command line; their number does not grow with the run."""
 
 from collections.abc import Sequence
 
@@ -30,7 +30,7 @@ class Conclusion(Struct, frozen=True, kw_only=True):
     unread: tuple[str, ...]
     """Logs that could not be read although nothing announces it."""
     unwritten: str
-    """How many recordings could not be written, and why the first could not; empty where all could."""
+    """Number of recordings that could not be written, and why the first could not; empty where all could."""
     equal: str
     """Logs with the same content; empty where there are none."""
     damaged: tuple[str, ...]

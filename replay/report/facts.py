@@ -1,9 +1,11 @@
-"""What a run amounts to: its verdict in one line, and figures by method and class."""
+"""Facts of a run that all reports share: its verdict in one line, and figures by method and class."""
 
 import math
 import statistics
 from collections import Counter
 from collections.abc import Iterable, Sequence
+
+from msgspec import UNSET, UnsetType
 
 from replay.base.numbers import count, percent, shown
 from replay.base.schemas.log import MethodResult
@@ -31,14 +33,14 @@ def figures(rows: Iterable[Row]) -> MethodFigures:
     )
 
 
-def _known(values: Iterable[float | None]) -> list[float]:
-    return [value for value in values if value is not None]
+def _known(values: Iterable[float | UnsetType | None]) -> list[float]:
+    return [value for value in values if value is not None and value is not UNSET]
 
 
 def cost(result: MethodResult) -> float | None:
     """J of a method's path, where it is positive."""
     found = result.metrics.objective
-    return found if found is not None and found > 0.0 else None
+    return found if found and found > 0.0 else None
 
 
 def cost_ratio(row: Row) -> float | None:
@@ -129,7 +131,7 @@ def headline(run: RunData) -> str:
 
 
 def _regression(run: RunData) -> str:
-    """How much fell short; `groups` says what."""
+    """Number of results that fell short; `groups` says which."""
     failing = run.failing
     results = {v: {(c.log, c.case, c.method) for c in failing if c.verdict == v} for v in VERDICTS if v in FAILING}
     nouns = {"changed": "log"}

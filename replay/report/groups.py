@@ -42,7 +42,7 @@ class Group:
 
     @property
     def sentence(self) -> str:
-        """What happened, in one line."""
+        """The changes in one line."""
         if len(self.changes) == 1:
             return sentence(self.worst)
         where = count(len(self.changes), "case") + (f" of class {self.kind}" if self.kind else "")

@@ -5,11 +5,10 @@ import os
 import pathlib
 from collections.abc import Iterable
 
+from replay.base.documents import DocumentError, read_json
 from replay.base.errors import ReplayError
 from replay.base.run_folder import HEAD, SUMMARY_FILE
 from replay.base.schemas.summary import LARGEST_SUMMARY, Summary, TrendPoint
-from replay.base.strict_json import JsonError
-from replay.base.typed import read_document
 from replay.report.facts import by_method, state
 from replay.report.model import RunData
 from replay.report.reading import read_run
@@ -68,8 +67,8 @@ def _past(folder: pathlib.Path, corpus: str) -> TrendPoint | None:
     None unless it is of the whole of this corpus.
     """
     try:
-        summary = read_document(folder / SUMMARY_FILE, Summary, LARGEST_SUMMARY)
-    except JsonError:
+        summary = read_json(folder / SUMMARY_FILE, Summary, LARGEST_SUMMARY)
+    except DocumentError:
         summary = None
     if summary is not None and (summary.partial or summary.corpus != corpus):
         return None

@@ -46,7 +46,7 @@ def markdown(run: RunData) -> str:
         parts.append(_timing(run))
     accept = run.head.commands.accept if run.head.commands else ""
     if accept and acceptable(run):
-        parts.append(f"If this is meant: `{accept.replace('`', '')}`")
+        parts.append(f"If this is intended: `{accept.replace('`', '')}`")
     return "\n\n".join(part for part in parts if part) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""What the page shows of a run, in the order and the amount in which it shows it."""
+"""Rows of the page's tables, sorted and cut."""
 
 import urllib.parse
 from collections.abc import Mapping
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from replay.base.numbers import NO_VALUE, percent, shown
 from replay.base.schemas.log import MethodResult
 from replay.base.schemas.summary import Change
+from replay.base.schemas.values import known
 from replay.base.schemas.verdicts import VERDICTS
 from replay.report.facts import class_of_logs, cost_ratio
 from replay.report.groups import notable
@@ -25,14 +26,14 @@ class ChangeLine:
     kind: str
     """Class of the log."""
     href: str | None
-    """Of the case's recording, where there is one."""
+    """Link to the case's recording, where there is one."""
     unwritten: str
-    """Why it could not be written."""
+    """Why the recording could not be written."""
     difference: str
     sort: float | None
-    """By what the column of differences is sorted."""
+    """Sort key of the column of differences."""
     traceback: str
-    """Of a crash, where an exception was raised."""
+    """Traceback of a crash, where an exception was raised."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +115,7 @@ def _case_line(name: str, rows: list[Row], rank: int) -> CaseLine:
         tags=", ".join(first.tags),
         verdict=VERDICTS[rank] if rank < len(VERDICTS) else "",
         rank=rank,
-        recorded=first.recorded.metrics.objective,
+        recorded=known(first.recorded.metrics.objective),
         recorded_passed=first.recorded.audit.passed if first.recorded.audit else None,
         href=href(recordings[0]) if recordings else None,
         results=cells,

@@ -12,7 +12,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from optim.model.metrics import UNITS
-from replay.base.schemas.log import Audit, MethodResult, Metrics, Recorded
+from replay.base.schemas.log import MethodResult, Recorded
+from replay.base.schemas.results import AuditDocument, MetricsDocument
+from replay.base.schemas.values import known
 from replay.base.schemas.verdicts import VERDICTS
 from replay.report.facts import class_of_logs, is_failing
 from replay.report.model import Row, RunData
@@ -71,7 +73,7 @@ def _absent(run: RunData) -> list[Row]:
             kind=kinds.get(log, ""),
             tags=(),
             sha256="",
-            recorded=Recorded(metrics=Metrics()),
+            recorded=Recorded(metrics=MetricsDocument()),
             result=MethodResult(name=method, status=status, reason=reason),
             recording=None,
             recording_error="",
@@ -105,8 +107,8 @@ def _verdict_columns(run: RunData, keys: Sequence[_Key]) -> list[_Column]:
 def _metric_columns(rows: Iterable[Row]) -> Iterable[_Column]:
     for key, unit in UNITS.items():
         kind = pa.int64() if key == "cusps" else pa.float64()
-        yield _column(key, unit, kind, [getattr(row.result.metrics, key) for row in rows])
-        yield _column(f"recorded_{key}", unit, kind, [getattr(row.recorded.metrics, key) for row in rows])
+        yield _column(key, unit, kind, [known(getattr(row.result.metrics, key)) for row in rows])
+        yield _column(f"recorded_{key}", unit, kind, [known(getattr(row.recorded.metrics, key)) for row in rows])
 
 
 def _number_columns(prefix: str, found: Sequence[dict[str, float]]) -> Iterable[_Column]:
@@ -119,7 +121,7 @@ def _column(name: str, unit: str, kind: pa.DataType, values: list[Any]) -> _Colu
     return pa.field(name, kind, metadata={"unit": unit}), pa.array(values, kind)
 
 
-def _passed(audit: Audit | None) -> bool | None:
+def _passed(audit: AuditDocument | None) -> bool | None:
     return None if audit is None else audit.passed
 
 
@@ -128,14 +130,14 @@ def _counters(result: MethodResult) -> dict[str, float]:
     return {name: value for name, value in counters.items() if value is not None}
 
 
-def _audit_numbers(audit: Audit | None) -> dict[str, float]:
+def _audit_numbers(audit: AuditDocument | None) -> dict[str, float]:
     """All numbers of an audit by their place in it, as `checks.defect.values.position_m`."""
     found: dict[str, float | None] = {}
     for name, check in audit.checks.items() if audit is not None else ():
         found |= {f"checks.{name}.values.{key}": value for key, value in check.values.items()}
         found |= {f"checks.{name}.limits.{key}": value for key, value in check.limits.items()}
         if check.place is not None:
-            place = {"segment": check.place.segment, "s": check.place.s, "polygon": check.place.polygon}
+            place = {"segment": check.place.segment, "s": check.place.s, "polygon": known(check.place.polygon)}
             found |= {f"checks.{name}.place.{key}": value for key, value in place.items()}
     return {key: value for key, value in found.items() if value is not None}
 

@@ -8,16 +8,15 @@ from typing import TypeVar
 
 import msgspec
 
+from replay.base.documents import DocumentError, read_json
 from replay.base.errors import printable
 from replay.base.run_folder import TIMING_FILE, VERDICTS_FILE, log_files, read_head
-from replay.base.schemas.log import CRASHES, LARGEST_LOG, CaseResult, LogDocument
+from replay.base.schemas.log import CRASHES, LARGEST_LOG, CaseResult, LogResults
 from replay.base.schemas.run import Commands, RunHead
 from replay.base.schemas.summary import Change, MethodTiming, UnreadLog
 from replay.base.schemas.timing import LARGEST_TIMING, TimingDocument
 from replay.base.schemas.values import Scalar
 from replay.base.schemas.verdicts import LARGEST_VERDICTS, Comparison, Verdicts
-from replay.base.strict_json import JsonError
-from replay.base.typed import read_document
 from replay.report.model import Row, RunData
 from replay.report.safe import LONGEST_TEXT, safe
 
@@ -31,7 +30,7 @@ def read_run(folder: pathlib.Path) -> RunData:
     rows: list[Row] = []
     errors: list[UnreadLog] = []
     for path in log_files(folder):
-        if (log := _tolerant(path, LogDocument, LARGEST_LOG, damaged)) is not None:
+        if (log := _tolerant(path, LogResults, LARGEST_LOG, damaged)) is not None:
             rows += _rows(folder, log)
             errors += _errors(log)
     verdicts = _tolerant(folder / VERDICTS_FILE, Verdicts, LARGEST_VERDICTS, damaged)
@@ -64,13 +63,13 @@ def _tolerant(path: pathlib.Path, kind: type[_T], largest: int, damaged: list[st
     if not path.exists():
         return None
     try:
-        return safe(read_document(path, kind, largest))
-    except JsonError as error:
+        return safe(read_json(path, kind, largest))
+    except DocumentError as error:
         damaged.append(printable(f"{path.parent.name}/{path.name}: {error}", LONGEST_TEXT))
         return None
 
 
-def _errors(log: LogDocument) -> Iterator[UnreadLog]:
+def _errors(log: LogResults) -> Iterator[UnreadLog]:
     if log.error is None:
         return
     code = log.error.code
@@ -86,7 +85,7 @@ def _cure(path: str, code: str) -> str:
         return ""
     file = pathlib.PurePath(path)
     name = file.stem if re.fullmatch(r"[A-Za-z0-9_-]+", file.stem) else json.dumps(file.stem)
-    return f'expected? in {file.parent / "corpus.toml"}: [logs.{name}] expect = "{code}"'
+    return f'if this is expected, add to {file.parent / "corpus.toml"}: [logs.{name}] expect = "{code}"'
 
 
 def _judged(error: UnreadLog, changes: Iterable[Change]) -> UnreadLog:
@@ -96,7 +95,7 @@ def _judged(error: UnreadLog, changes: Iterable[Change]) -> UnreadLog:
     return msgspec.structs.replace(error, expected=expected, cure=error.cure if verdict == "new" else "")
 
 
-def _rows(folder: pathlib.Path, log: LogDocument) -> Iterator[Row]:
+def _rows(folder: pathlib.Path, log: LogResults) -> Iterator[Row]:
     for case in log.cases if log.error is None else ():
         recording = _recording(folder, case)
         for result in case.methods:

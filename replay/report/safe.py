@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from replay.base.documents import plain
 from replay.base.errors import printable
-from replay.base.typed import to_plain
 
 LONGEST_NAME = 200
 LONGEST_TEXT = 500
@@ -17,7 +17,9 @@ LONGEST_TEXT = 500
 LONGEST_COMMAND = 4000
 """Characters of a command: one that is cut cannot be pasted."""
 _MOST_LINES = 40
-_LONGEST = dict.fromkeys(("reason", "message", "note", "recording_error", "other_options"), LONGEST_TEXT)
+_LONGEST: dict[str, int] = dict.fromkeys(
+    ("reason", "message", "note", "recording_error", "other_options"), LONGEST_TEXT
+)
 _LONGEST |= dict.fromkeys(("accept", "view", "recording"), LONGEST_COMMAND)
 """Characters that the fields of documents may have, by name; others have `LONGEST_NAME`."""
 _T = TypeVar("_T")
@@ -45,10 +47,10 @@ def _field(name: str, value: Any) -> Any:
 
 
 def facts(data: object, prefix: str = "") -> dict[str, str]:
-    """What an object says, at whatever depth, by its keys joined with dots; values as text."""
+    """The values of an object as text, at whatever depth, by their keys joined with dots."""
     found: dict[str, str] = {}
-    plain = to_plain(data)
-    for key, value in plain.items() if isinstance(plain, dict) else ():
+    entries = plain(data)
+    for key, value in entries.items() if isinstance(entries, dict) else ():
         name = prefix + printable(key, LONGEST_NAME)
         if isinstance(value, dict):
             found |= facts(value, f"{name}.")

@@ -1,8 +1,9 @@
 """What one recorded request is, once it has been understood: a problem and where it comes from."""
 
 import pathlib
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,3 +70,6 @@ class Case:
     logged: Float64[Array, "n 3"] | None = None
     """Poses as the log holds them, noise and all: x, y [m], heading [rad] of the truck's rear axle, in `frame`; for
     drawing. Shape (n, 3), read-only. None where a case comes from a results file."""
+    reading: Mapping[str, Any] | None = None
+    """Options that the log was read with, as plain data: the fields of `replay.logs.ReadOptions`. None where
+    unknown."""

@@ -15,7 +15,7 @@ from optim.model.metrics import UNITS
 from optim.model.objective import objective
 from replay.base.errors import ReplayError
 from replay.base.style import Style, lighter, styles
-from replay.run.judge import MethodRun, Run
+from replay.run.outcome import MethodRun, Run
 from replay.run.results import read_results
 from replay.run.stored import run_of
 

@@ -5,8 +5,8 @@ import math
 import traceback
 from collections.abc import Callable, Mapping
 from contextlib import closing
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 from optim.audit.checks import audit_path, audit_recorded
 from optim.audit.report import AuditReport
@@ -16,91 +16,31 @@ from optim.model.metrics import Metrics, metrics
 from optim.model.objective import objective
 from optim.model.path import Path
 from optim.model.problem import Problem
-from optim.model.result import Iterate, IterateRecord, Picture, Result, Stop
+from optim.model.result import Iterate, IterateRecord, Result, Stop
 from replay.run.case import Case
-from replay.run.results import gains, lacks_clearance, path_to_document, scene_to_document
+from replay.run.outcome import MOST_ITERATES, MethodRun, Run
+from replay.run.plain import path_to_document, scene_to_document
 from replay.run.solving import OnNamedIterate, OnStart, Solved, SolveEach, solve_in_turn
 
-Status = Literal["improved", "kept", "failed"]
-
-MOST_ITERATES = 400
-"""Iterates kept for playing back, at most; the first and the last accepted one always are."""
 LEAST_VIOLATION = 1e-4
 """Violation, in the method's own scaling, from which on an iterate is not worth an audit."""
-EQUAL = 1e-6
-"""Relative difference in J by which no path is better than another [-]."""
-AS_GOOD = 1e-3
-"""Relative difference in J that nobody would notice [-]."""
 MOST_TRIED = 10
 """Iterates of a method without a result that are audited, at most."""
+LEAST_GAIN = 1e-9
+"""Relative gain in J that "improved" claims at least where the recorded path passes the audit too [-]: rounding alone
+reaches 1e-12."""
+CLEARANCE_SLACK = 1e-4
+"""By which the clearance of what is "improved" may fall short of the required one [m]; methods keep 1e-6."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class MethodRun:
-    """What one method made of a case. `path` is the recorded one unless `status` is "improved"."""
-
-    name: str
-    status: Status
-    """improved: passed by the audit, and of less J than a recorded path that passes it too; kept: nothing better was
-    found; failed: an error."""
-    stop: str
-    """The method's own word, a value of `optim.model.result.Stop`."""
-    reason: str
-    """One sentence for the user; of whatever decided the status."""
-    path: Path
-    metrics: Metrics
-    """Of `path`."""
-    audit: AuditReport
-    """Of `path`."""
-    iterations: int
-    wall_s: float
-    """Time that the method took [s]; neither the audit nor compilation is included."""
-    history: tuple[IterateRecord, ...]
-    """Scalars of every iterate, also of rejected trials."""
-    iterates: tuple[Iterate, ...]
-    """The accepted ones, for playing back; thinned evenly to at most `MOST_ITERATES`."""
-    rejected: AuditReport | None = None
-    """The audit of the path that the method gave, if that audit did not pass."""
-    rejected_path: Path | None = None
-    """That path, for drawing where it fails."""
-    picture: Picture | None = None
-    """What the method works on besides the path, for drawing."""
-    compile_s: float = 0.0
-    """Time that went into compiling kernels [s]; once on each machine, and again after a change of the code."""
-    traceback: str = ""
-    """Of an exception, for developers."""
+def gains(before: float, after: float) -> bool:
+    """Whether J `after` is lower than J `before` by more than rounding."""
+    return after < before * (1.0 - LEAST_GAIN)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Run:
-    """A case and what each method made of it."""
-
-    case: Case
-    recorded_metrics: Metrics
-    recorded_audit: AuditReport
-    methods: tuple[MethodRun, ...]
-    options: dict[str, Any]
-    """Of each method by its name: option -> value."""
-    seed: int = 0
-
-    @property
-    def best(self) -> MethodRun | None:
-        """The improved path of least J, of equal ones that of the method named first; None if none improved."""
-        improved = [run for run in self.methods if run.status == "improved"]
-        least = min((run.metrics.objective for run in improved), default=math.inf)
-        return next((run for run in improved if run.metrics.objective <= least * (1.0 + EQUAL)), None)
-
-    @property
-    def as_good(self) -> list[MethodRun]:
-        """Other improved paths, whose J is the best one's but for what nobody would notice."""
-        best, improved = self.best, [run for run in self.methods if run.status == "improved"]
-        most = math.inf if best is None else best.metrics.objective * (1.0 + AS_GOOD)
-        return [run for run in improved if run is not best and run.metrics.objective <= most]
-
-    @property
-    def fell_short(self) -> bool:
-        """Whether a method failed, or gave a path that the audit rejected."""
-        return any(run.status == "failed" or run.rejected is not None for run in self.methods)
+def lacks_clearance(problem: Problem, measured: Metrics) -> bool:
+    """Whether a path with these metrics comes nearer to obstacles than a result may."""
+    return measured.min_clearance < problem.required_clearance - CLEARANCE_SLACK
 
 
 class Interrupted(KeyboardInterrupt):

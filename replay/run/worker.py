@@ -17,7 +17,6 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping
-from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from types import MappingProxyType
@@ -28,12 +27,9 @@ import numpy as np
 from optim.model.method import Method
 from optim.model.problem import Problem
 from optim.model.result import OnIterate, ignore
+from replay.run.limits import GRACE_S, NO_LIMITS, Limits
 from replay.run.solving import OnNamedIterate, OnStart, Solved, solve
 
-GRACE_S = 2.0
-"""Time that a method has to tell its next iterate after its time is up [s]; then its process is ended."""
-BUSY = 5.0
-"""Times the limit of processor time by which a busy machine may delay a method; then it is taken to hang."""
 _MIB = 1 << 20
 _PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
 _ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP} if hasattr(signal, "SIGHUP") else set[signal.Signals]()
@@ -48,26 +44,6 @@ def can_isolate() -> bool:
 def usable_cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class Limits:
-    """Of one method."""
-
-    time_s: float = math.inf
-    """Of solving, compiling not counted [s]."""
-    by_processor: bool = False
-    """Whether that is time of the processor, which does not depend on what else the machine does."""
-    memory_mib: int | None = None
-    """Of data that the process may hold [MiB]; only systems with RLIMIT_DATA keep it."""
-
-    @property
-    def watch_s(self) -> float:
-        """Time by the clock on the wall after which the process is ended, whatever it does [s]."""
-        return self.time_s * (BUSY if self.by_processor else 1.0) + GRACE_S
-
-
-NO_LIMITS = Limits()
 
 
 class Worker:

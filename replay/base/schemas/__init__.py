@@ -1,1 +1,1 @@
-"""Documents that the program reads and writes, each as a msgspec struct: plain data, no numpy, no rules."""
+"""Schemas of the files that other programs read or write: one module for each document, plain data only."""

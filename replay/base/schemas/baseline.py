@@ -1,11 +1,11 @@
 """The figures that runs are compared with, schema `replay.baseline/1`: `baseline.json` beside a corpus."""
 
-from typing import Final
+from typing import Final, Literal
 
 from msgspec import Struct, field
 
 from replay.base.schemas.run import OptionsDocument
-from replay.base.schemas.values import Number
+from replay.base.schemas.values import Exact
 
 BASELINE_SCHEMA: Final = "replay.baseline/1"
 LARGEST_BASELINE: Final = 512 * 2**20
@@ -17,16 +17,16 @@ class Figures(Struct, frozen=True, kw_only=True):
 
     audit: bool | None = None
     """Whether the path passes the audit."""
-    cusps: Number | None = None
-    defect: Number | None = None
+    cusps: Exact | None = None
+    defect: Exact | None = None
     """Largest position defect of an interval [m]."""
-    defect_sum: Number | None = None
+    defect_sum: Exact | None = None
     """Sum of the position defects [m]."""
-    evaluations: Number | None = None
-    iterations: Number | None = None
-    min_clearance: Number | None = None
+    evaluations: Exact | None = None
+    iterations: Exact | None = None
+    min_clearance: Exact | None = None
     """Least swept clearance, up to the one that is enough [m]."""
-    objective: Number | None = None
+    objective: Exact | None = None
     status: str | None = None
     """improved, kept or failed."""
 
@@ -40,9 +40,10 @@ class LogFigures(Struct, frozen=True, kw_only=True):
     """By the number of the case within the log, then by method."""
 
 
-class Baseline(Struct, frozen=True, kw_only=True, tag_field="schema", tag=BASELINE_SCHEMA):
+class Baseline(Struct, frozen=True, kw_only=True):
     """The figures of a run that was accepted."""
 
+    schema: Literal["replay.baseline/1"]
     created: str = ""
     revision: str = ""
     options_fingerprint: str = field(default="", name="options")

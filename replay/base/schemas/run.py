@@ -1,37 +1,39 @@
 """The head of a regression run, schema `replay.run/1`: `run.json` of the run's folder."""
 
-from typing import Final
+from typing import Final, Literal
 
 from msgspec import UNSET, Struct, UnsetType
 
+from replay.base.documents import Whole
 from replay.base.schemas.corpus import Known
-from replay.base.schemas.values import Count, Number, Scalar
+from replay.base.schemas.values import Exact, Scalar
 
 RUN_SCHEMA: Final = "replay.run/1"
 LARGEST_HEAD: Final = 64 * 2**20
 """Size limit of the document [bytes]."""
 
-MethodOptions = dict[str, Scalar] | list[tuple[str, dict[str, Scalar]]]
+OptionValue = Scalar | list[Scalar]
+MethodOptions = dict[str, OptionValue] | list[tuple[str, dict[str, OptionValue]]]
 """Options of a method by name; of a chain, those of its parts in their order."""
 
 
 class OptionsDocument(Struct, frozen=True, kw_only=True):
     """Everything that decides the figures of a run. What is absent is not known."""
 
-    memory_limit_mib: Count | UnsetType = UNSET
+    memory_limit_mib: Whole | UnsetType | None = UNSET
     methods: dict[str, MethodOptions] = {}
-    read: dict[str, Scalar | dict[str, Scalar]] = {}
+    read: dict[str, OptionValue | dict[str, Scalar]] = {}
     """Options of the reader; `vehicle` is a table or null."""
-    seed: Count | UnsetType = UNSET
-    time_limit_s: Number | UnsetType = UNSET
-    weights: dict[str, Number] = {}
+    seed: Whole | UnsetType = UNSET
+    time_limit_s: Exact | UnsetType | None = UNSET
+    weights: dict[str, Exact] = {}
 
 
 class CorpusPlace(Struct, frozen=True, kw_only=True):
     """Where the logs of a run are, and how many of them were to be worked on."""
 
     path: str = ""
-    num_logs: Count | None = None
+    num_logs: Whole | None = None
 
 
 class Commands(Struct, frozen=True, kw_only=True):
@@ -43,9 +45,10 @@ class Commands(Struct, frozen=True, kw_only=True):
     """Shows the recordings."""
 
 
-class RunHead(Struct, frozen=True, kw_only=True, tag_field="schema", tag=RUN_SCHEMA):
+class RunHead(Struct, frozen=True, kw_only=True):
     """What a run is to do, with which program, and whether it has come to its end."""
 
+    schema: Literal["replay.run/1"]
     created: str = ""
     """Time of its start in UTC, as 2026-03-14T02:00:00Z."""
     revision: str = ""
@@ -60,7 +63,7 @@ class RunHead(Struct, frozen=True, kw_only=True, tag_field="schema", tag=RUN_SCH
     logs: tuple[str, ...] = ()
     """Names of the logs that were to be worked on."""
     methods: tuple[str, ...] = ()
-    options: OptionsDocument = OptionsDocument()
+    options: OptionsDocument | None = None
     options_fingerprint: str = ""
     partial: str = ""
     """The selection in words; empty for the whole corpus."""

@@ -1,10 +1,10 @@
 """A regression run in figures, schema `replay.summary/1`: `summary.json` of the run's folder."""
 
-from typing import Final
+from typing import Final, Literal
 
 from msgspec import Struct
 
-from replay.base.schemas.values import Count
+from replay.base.documents import Count
 from replay.base.schemas.verdicts import Verdict
 
 SUMMARY_SCHEMA: Final = "replay.summary/1"
@@ -107,9 +107,10 @@ class TrendPoint(Struct, frozen=True, kw_only=True):
     """Median wall time by method [s]."""
 
 
-class Summary(Struct, frozen=True, kw_only=True, tag_field="schema", tag=SUMMARY_SCHEMA):
+class Summary(Struct, frozen=True, kw_only=True):
     """The figures of a run, for programs and for the trend of later runs."""
 
+    schema: Literal["replay.summary/1"]
     run: str
     """Name of the run's folder."""
     created: str

@@ -1,10 +1,10 @@
 """Times of two versions of the program in turns, schema `replay.timing/1`: `timing.json` of a run's folder."""
 
-from typing import Final
+from typing import Final, Literal
 
 from msgspec import Struct
 
-from replay.base.schemas.values import Count
+from replay.base.documents import Count
 
 TIMING_SCHEMA: Final = "replay.timing/1"
 LARGEST_TIMING: Final = 512 * 2**20
@@ -25,9 +25,10 @@ class TimeRatio(Struct, frozen=True, kw_only=True):
     """Whether the new version is slower for certain."""
 
 
-class TimingDocument(Struct, frozen=True, kw_only=True, tag_field="schema", tag=TIMING_SCHEMA):
+class TimingDocument(Struct, frozen=True, kw_only=True):
     """This version timed against another one."""
 
+    schema: Literal["replay.timing/1"]
     against: str
     """The other version, as it was given."""
     ratios: dict[str, dict[str, float]] = {}

@@ -1,12 +1,18 @@
-"""Types of single values that several documents share."""
+"""Single values that several documents share."""
 
-from typing import Annotated
+from typing import TypeVar
 
-from msgspec import Meta
+from msgspec import UNSET, UnsetType
 
-Count = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
-"""A whole number of 64 bits: what a column of a table can hold."""
-Number = Count | float
-"""A number as a document holds it: written back as it was read, whole or not."""
-Scalar = bool | Count | float | str | None
-"""A value of an option."""
+from replay.base.documents import Whole
+
+Exact = Whole | float
+"""A number that is written back as it was read, whole or not."""
+Scalar = bool | Whole | float | str | None
+"""A value of an option or a figure."""
+_T = TypeVar("_T")
+
+
+def known(value: _T | UnsetType) -> _T | None:
+    """A value, or None where the document does not have it."""
+    return None if value is UNSET else value

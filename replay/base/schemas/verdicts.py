@@ -37,7 +37,8 @@ class Comparison(Struct, frozen=True, kw_only=True):
     note: str = ""
 
 
-class Verdicts(Struct, frozen=True, kw_only=True, tag_field="schema", tag=VERDICTS_SCHEMA):
+class Verdicts(Struct, frozen=True, kw_only=True):
     """All comparisons of a run, those that say "same" too."""
 
+    schema: Literal["replay.verdicts/1"]
     comparisons: tuple[Comparison, ...] = field(name="verdicts")

@@ -14,12 +14,12 @@ from replay.base.errors import LogError
 from replay.logs.container import records as r
 from replay.logs.container.compression import BadChunk, unpack_chunk
 from replay.logs.container.log import Log, ReadLimits
-from replay.logs.container.records import Malformed, Opcode, RecordStream
+from replay.logs.container.records import Malformed, Opcode, RecordStream, kinds
 
 _LARGEST_ID: Final = 65535
 _BLOCK: Final = 1 << 20
-_MOST_HEAD: Final = 1 << 16
-"""Most bytes of a chunk or attachment that are read for its index [bytes]."""
+_HEAD: Final = 1 << 16
+"""Bytes of a chunk or attachment that are read for its index [bytes]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,30 +35,16 @@ class NewTopic:
     """Log time [ns] and payload (`cdr`) of each."""
 
 
-@dataclass
-class _Copied(r.McapRecord):
-    """A record as the log has it: a later version of the format may have more fields."""
-
-    opcode: Opcode
-    body: bytes
-
-    def write(self, stream: r.RecordBuilder) -> None:
-        """Append the record."""
-        stream.start_record(self.opcode)
-        stream.write(self.body)
-        stream.finish_record()
-
-
 @dataclass(kw_only=True)
 class _Index:
-    """What the summary states about the data section."""
+    """Statements of the summary about the data section."""
 
-    schemas: dict[int, r.McapRecord] = field(default_factory=dict)
-    channels: dict[int, r.McapRecord] = field(default_factory=dict)
-    """The first record of each id."""
-    chunks: list[r.ChunkIndex] = field(default_factory=list)
-    attachments: list[r.AttachmentIndex] = field(default_factory=list)
-    metadata: list[r.MetadataIndex] = field(default_factory=list)
+    schemas: dict[int, bytes] = field(default_factory=dict)
+    channels: dict[int, bytes] = field(default_factory=dict)
+    """The first record of each id, as it is: a later version of the format may have more fields."""
+    chunks: list[kinds.ChunkIndex] = field(default_factory=list)
+    attachments: list[kinds.AttachmentIndex] = field(default_factory=list)
+    metadata: list[kinds.MetadataIndex] = field(default_factory=list)
     times: list[int] = field(default_factory=list)
     """First and last log time [ns]; empty without messages."""
     counts: dict[int, int] = field(default_factory=dict)
@@ -70,22 +56,33 @@ class _Index:
 
     def define(self, opcode: int, body: bytes) -> None:
         """Note a Schema or Channel record. Raises Malformed."""
-        if opcode == Opcode.SCHEMA:
-            number, known = r.parsed(r.Schema, RecordStream(body)).id, self.schemas
-        else:
-            number, known = r.parsed(r.Channel, RecordStream(body)).id, self.channels
-        known.setdefault(number, _Copied(Opcode(opcode), body))
+        kind, known = (kinds.Schema, self.schemas) if opcode == Opcode.SCHEMA else (kinds.Channel, self.channels)
+        number = r.parsed(kind, RecordStream(body)).id
+        known.setdefault(number, r.RECORD_PREFIX.pack(opcode, len(body)) + body)
 
-    def add_chunk(self, index: r.ChunkIndex) -> None:
-        """Note a chunk; its message indexes may follow."""
-        self.chunks.append(index)
-        if index.uncompressed_size:
-            self.cover(index.message_start_time, index.message_end_time)
+    def add_chunk(self, at: int, head: bytes, length: int) -> kinds.ChunkIndex:
+        """Note a chunk whose body of `length` bytes begins with `head`; give its index, without message indexes."""
+        stream = RecordStream(head)
+        start, end, size, _ = stream.read8(), stream.read8(), stream.read8(), stream.read4()
+        compression, packed = stream.read_prefixed_string(), stream.read8()
+        total = r.RECORD_PREFIX.size + length
+        self.chunks.append(kinds.ChunkIndex(total, at, compression, packed, end, 0, {}, start, size))
+        if size:
+            self.cover(start, end)
+        return self.chunks[-1]
 
-    def statistics(self) -> r.Statistics:
+    def add_attachment(self, at: int, head: bytes, length: int) -> None:
+        """Note an attachment whose body of `length` bytes begins with `head`. Raises Malformed."""
+        stream = RecordStream(head)
+        log_time, create_time = stream.read8(), stream.read8()
+        name, media_type = stream.read_prefixed_string(), stream.read_prefixed_string()
+        size, total = stream.read8(), r.RECORD_PREFIX.size + length
+        self.attachments.append(kinds.AttachmentIndex(at, total, log_time, create_time, size, name, media_type))
+
+    def statistics(self) -> kinds.Statistics:
         """The Statistics record."""
         first, last = self.times or (0, 0)
-        return r.Statistics(
+        return kinds.Statistics(
             message_count=sum(self.counts.values()),
             schema_count=len(self.schemas),
             channel_count=len(self.channels),
@@ -104,19 +101,21 @@ def append(log: Log, target: BinaryIO, topics: Sequence[NewTopic], metadata: Map
     Raises LogError (E_EXPORT) where part of the log is lost or damaged: the copy would be damaged too.
     """
     refuse_lost(log)
-    index = _Index(counts=dict(log.counts))
+    index, out = _Index(counts=dict(log.counts)), _Output(target)
     try:
         with log.path.open("rb") as source:
             end = _walk(source, index)
             source.seek(0)
-            out = _Output(target)
             for start in range(0, end, _BLOCK):
                 out.write(source.read(min(_BLOCK, end - start)))
     except (Malformed, BadChunk, EOFError) as error:
         raise LogError("E_EXPORT", log.path, f"it cannot be copied: {error}") from error
     _write_topics(out, index, {channel.schema_id for channel in log.channels}, topics)
-    _write_metadata(out, index, metadata)
-    out.add(r.DataEnd(out.crc))
+    for name, values in metadata.items():
+        data = _bytes(kinds.Metadata(name, dict(values)))
+        index.metadata.append(kinds.MetadataIndex(out.position, len(data), name))
+        out.write(data)
+    out.write(_bytes(kinds.DataEnd(out.crc)))
     _write_summary(out, index)
 
 
@@ -158,60 +157,36 @@ def time_span(path: pathlib.Path) -> list[int]:
 def _walk(source: BinaryIO, index: _Index) -> int:
     """Fill `index` from the data section; return where that ends [bytes]. Raises Malformed, BadChunk, EOFError."""
     source.seek(len(r.MAGIC))
-    open_chunk: r.ChunkIndex | None = None
+    chunk: kinds.ChunkIndex | None = None
     while True:
         at = source.tell()
         opcode, length = r.RECORD_PREFIX.unpack(_exactly(source, r.RECORD_PREFIX.size))
-        if opcode != Opcode.MESSAGE_INDEX and open_chunk is not None:
-            _close(open_chunk, at)
-            open_chunk = None
+        if opcode != Opcode.MESSAGE_INDEX and chunk is not None:
+            chunk.message_index_length = at - chunk.chunk_start_offset - chunk.chunk_length
+            chunk = None
         if opcode == Opcode.DATA_END:
             break
         if opcode == Opcode.CHUNK:
-            open_chunk = _chunk_index(_exactly(source, min(length, _MOST_HEAD)), at, length)
-            index.add_chunk(open_chunk)
-        elif opcode == Opcode.MESSAGE_INDEX and open_chunk is not None:
-            open_chunk.message_index_offsets[int.from_bytes(_exactly(source, 2), "little")] = at
+            chunk = index.add_chunk(at, _exactly(source, min(length, _HEAD)), length)
+        elif opcode == Opcode.MESSAGE_INDEX and chunk is not None:
+            chunk.message_index_offsets[int.from_bytes(_exactly(source, 2), "little")] = at
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             index.define(opcode, _exactly(source, length))
         elif opcode == Opcode.MESSAGE:
             index.cover(r.MESSAGE_PREFIX.unpack(_exactly(source, r.MESSAGE_PREFIX.size))[2])
         elif opcode == Opcode.ATTACHMENT:
-            index.attachments.append(_attachment_index(_exactly(source, min(length, _MOST_HEAD)), at, length))
+            index.add_attachment(at, _exactly(source, min(length, _HEAD)), length)
         elif opcode == Opcode.METADATA:
-            name = r.parsed(r.Metadata, RecordStream(_exactly(source, length))).name
-            index.metadata.append(r.MetadataIndex(at, r.RECORD_PREFIX.size + length, name))
+            name = r.parsed(kinds.Metadata, RecordStream(_exactly(source, length))).name
+            index.metadata.append(kinds.MetadataIndex(at, r.RECORD_PREFIX.size + length, name))
         source.seek(at + r.RECORD_PREFIX.size + length)
     if not set(index.counts) <= set(index.channels):  # most writers define channels within chunks
-        for chunk in index.chunks:
-            _define_within(source, chunk, index)
+        for each in index.chunks:
+            _define_within(source, each, index)
     return at
 
 
-def _chunk_index(head: bytes, at: int, length: int) -> r.ChunkIndex:
-    """The index of a chunk whose body begins with `head`; its message indexes are still to come. Raises Malformed."""
-    stream = RecordStream(head)
-    start, end, size, _ = stream.read8(), stream.read8(), stream.read8(), stream.read4()
-    compression, packed = stream.read_prefixed_string(), stream.read8()
-    return r.ChunkIndex(
-        message_start_time=start,
-        message_end_time=end,
-        chunk_start_offset=at,
-        chunk_length=r.RECORD_PREFIX.size + length,
-        message_index_offsets={},
-        message_index_length=0,
-        compression=compression,
-        compressed_size=packed,
-        uncompressed_size=size,
-    )
-
-
-def _close(index: r.ChunkIndex, end: int) -> None:
-    """Note the position at which a chunk's message indexes end."""
-    index.message_index_length = end - index.chunk_start_offset - index.chunk_length
-
-
-def _define_within(source: BinaryIO, chunk: r.ChunkIndex, index: _Index) -> None:
+def _define_within(source: BinaryIO, chunk: kinds.ChunkIndex, index: _Index) -> None:
     """Note the schemas and channels that a chunk defines."""
     source.seek(chunk.chunk_start_offset + r.RECORD_PREFIX.size)
     limits = ReadLimits()
@@ -226,22 +201,6 @@ def _define_within(source: BinaryIO, chunk: r.ChunkIndex, index: _Index) -> None
         position += size
 
 
-def _attachment_index(head: bytes, at: int, length: int) -> r.AttachmentIndex:
-    """The index of an attachment whose body begins with `head`. Raises Malformed."""
-    stream = RecordStream(head)
-    log_time, create_time = stream.read8(), stream.read8()
-    name, media_type = stream.read_prefixed_string(), stream.read_prefixed_string()
-    return r.AttachmentIndex(
-        offset=at,
-        length=r.RECORD_PREFIX.size + length,
-        log_time=log_time,
-        create_time=create_time,
-        data_size=stream.read8(),
-        name=name,
-        media_type=media_type,
-    )
-
-
 def _exactly(source: BinaryIO, count: int) -> bytes:
     data = source.read(count)
     if len(data) != count:
@@ -250,13 +209,6 @@ def _exactly(source: BinaryIO, count: int) -> bytes:
 
 
 # ---- what is new
-
-
-def _bytes(*records: r.McapRecord) -> bytes:
-    builder = r.RecordBuilder()
-    for record in records:
-        record.write(builder)
-    return builder.end()
 
 
 class _Output:
@@ -271,40 +223,35 @@ class _Output:
         self.position += len(data)
         self.crc = zlib.crc32(data, self.crc)
 
-    def add(self, *records: r.McapRecord) -> None:
-        """Write records."""
-        self.write(_bytes(*records))
+
+def _bytes(*records: kinds.McapRecord) -> bytes:
+    builder = r.RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return builder.end()
 
 
 def _write_topics(out: _Output, index: _Index, used: set[int], topics: Sequence[NewTopic]) -> None:
     """Write schemas, channels and messages; `used`: ids that channels of the log give as those of their schemas."""
-    definitions = {topic.schema: topic.definition for topic in topics}
-    ids = _free(used | set(index.schemas), len(definitions))
-    schemas = {
-        name: r.Schema(id=number, name=name, encoding="ros2msg", data=text.encode())
-        for number, (name, text) in zip(ids, definitions.items(), strict=True)
-    }
-    index.schemas |= {schema.id: schema for schema in schemas.values()}
-    messages: list[r.Message] = []
-    written: list[r.McapRecord] = []
-    for topic, number in zip(topics, _free({*index.channels, *index.counts}, len(topics)), strict=True):
-        schema = schemas[topic.schema]
-        if schema not in written:
-            written.append(schema)
-        channel = r.Channel(id=number, topic=topic.topic, message_encoding="cdr", metadata={}, schema_id=schema.id)
-        written.append(channel)
-        index.channels[number] = channel
+    texts = {topic.schema: topic.definition for topic in topics}
+    schema_ids = dict(zip(texts, _free(used | set(index.schemas), len(texts)), strict=True))
+    channel_ids = _free({*index.channels, *index.counts}, len(topics))
+    messages: list[kinds.Message] = []
+    for topic, number in zip(topics, channel_ids, strict=True):
+        schema = schema_ids[topic.schema]
+        if schema not in index.schemas:
+            text = texts[topic.schema].encode()
+            index.schemas[schema] = _bytes(kinds.Schema(schema, text, "ros2msg", topic.schema))
+            out.write(index.schemas[schema])
+        index.channels[number] = _bytes(kinds.Channel(number, topic.topic, "cdr", {}, schema))
+        out.write(index.channels[number])
         index.counts[number] = len(topic.messages)
-        messages += [
-            r.Message(channel_id=number, log_time=time, publish_time=time, sequence=0, data=data)
-            for time, data in topic.messages
-        ]
-    out.add(*written)
+        messages += [kinds.Message(number, time, data, time, 0) for time, data in topic.messages]
     messages.sort(key=lambda message: message.log_time)
     if messages and index.chunks:
         _write_chunk(out, index, messages)
     elif messages:
-        out.add(*messages)
+        out.write(_bytes(*messages))
         index.cover(messages[0].log_time, messages[-1].log_time)
 
 
@@ -314,59 +261,42 @@ def _free(used: Iterable[int], count: int) -> list[int]:
     return [number for number in range(_LARGEST_ID, 0, -1) if number not in taken][:count]
 
 
-def _write_chunk(out: _Output, index: _Index, messages: Sequence[r.Message]) -> None:
+def _write_chunk(out: _Output, index: _Index, messages: Sequence[kinds.Message]) -> None:
     """Write messages, sorted by time, as one chunk without compression, and their index."""
-    entries = {message.channel_id: r.MessageIndex(message.channel_id, []) for message in messages}
+    entries = {message.channel_id: kinds.MessageIndex(message.channel_id, []) for message in messages}
     builder = r.RecordBuilder()
     for message in messages:
         entries[message.channel_id].records.append((message.log_time, builder.count))
         message.write(builder)
     content = builder.end()
-    chunk = r.Chunk(
-        compression="",
-        data=content,
-        message_start_time=messages[0].log_time,
-        message_end_time=messages[-1].log_time,
-        uncompressed_crc=zlib.crc32(content),
-        uncompressed_size=len(content),
-    )
-    data = _bytes(chunk)
-    head = data[r.RECORD_PREFIX.size :][:_MOST_HEAD]
-    new = _chunk_index(head, out.position, len(data) - r.RECORD_PREFIX.size)
+    first, last = messages[0].log_time, messages[-1].log_time
+    data = _bytes(kinds.Chunk("", content, last, first, zlib.crc32(content), len(content)))
+    body = data[r.RECORD_PREFIX.size :]
+    chunk = index.add_chunk(out.position, body, len(body))
     out.write(data)
+    start = out.position
     for entry in entries.values():
-        new.message_index_offsets[entry.channel_id] = out.position
-        out.add(entry)
-    _close(new, out.position)
-    index.add_chunk(new)
-
-
-def _write_metadata(out: _Output, index: _Index, metadata: Mapping[str, Mapping[str, str]]) -> None:
-    for name, values in metadata.items():
-        data = _bytes(r.Metadata(name, dict(values)))
-        index.metadata.append(r.MetadataIndex(out.position, len(data), name))
-        out.write(data)
+        chunk.message_index_offsets[entry.channel_id] = out.position
+        out.write(_bytes(entry))
+    chunk.message_index_length = out.position - start
 
 
 def _write_summary(out: _Output, index: _Index) -> None:
     start, out.crc = out.position, 0
-    groups: dict[Opcode, Sequence[r.McapRecord]] = {
-        Opcode.SCHEMA: [index.schemas[number] for number in sorted(index.schemas)],
-        Opcode.CHANNEL: [index.channels[number] for number in sorted(index.channels)],
-        Opcode.STATISTICS: [index.statistics()],
-        Opcode.CHUNK_INDEX: index.chunks,
-        Opcode.ATTACHMENT_INDEX: index.attachments,
-        Opcode.METADATA_INDEX: index.metadata,
+    groups = {
+        Opcode.SCHEMA: b"".join(index.schemas[number] for number in sorted(index.schemas)),
+        Opcode.CHANNEL: b"".join(index.channels[number] for number in sorted(index.channels)),
+        Opcode.STATISTICS: _bytes(index.statistics()),
+        Opcode.CHUNK_INDEX: _bytes(*index.chunks),
+        Opcode.ATTACHMENT_INDEX: _bytes(*index.attachments),
+        Opcode.METADATA_INDEX: _bytes(*index.metadata),
     }
-    offsets = []
+    offsets: list[kinds.SummaryOffset] = []
     for opcode, group in groups.items():
         if group:
-            at = out.position
-            out.add(*group)
-            offsets.append(r.SummaryOffset(opcode, at, out.position - at))
-    offset_start = out.position
-    out.add(*offsets)
-    footer = r.Footer(start, offset_start, 0)
+            offsets.append(kinds.SummaryOffset(opcode, out.position, len(group)))
+            out.write(group)
+    footer = kinds.Footer(start, out.position, 0)
+    out.write(_bytes(*offsets))
     footer.summary_crc = zlib.crc32(_bytes(footer)[:-4], out.crc)
-    out.add(footer)
-    out.write(r.MAGIC)
+    out.write(_bytes(footer) + r.MAGIC)

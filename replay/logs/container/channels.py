@@ -17,7 +17,7 @@ def normalised(name: str) -> str:
 
 
 class ChannelTable:
-    """What Schema and Channel records of the data section have defined so far."""
+    """Table of the schemas and channels that the data section has defined so far."""
 
     def __init__(self, path: Path, limit: int) -> None:
         self.path = path
@@ -67,13 +67,13 @@ class ChannelTable:
 
 
 def _meaning(channel: Channel) -> tuple[object, ...]:
-    """What two records of one channel must agree in."""
+    """The fields in which two records of one channel must agree."""
     return channel.topic, channel.encoding, channel.schema_id
 
 
 def read_schema(stream: RecordStream) -> tuple[int, Schema]:
     """Identifier and content of a Schema record. Raises Malformed."""
-    schema = r.parsed(r.Schema, stream)
+    schema = r.parsed(r.kinds.Schema, stream)
     if schema.id == 0:
         raise Malformed("schema id 0 means 'no schema' and cannot be defined")
     return schema.id, Schema(normalised(schema.name), schema.encoding, schema.data)
@@ -81,7 +81,7 @@ def read_schema(stream: RecordStream) -> tuple[int, Schema]:
 
 def read_channel(stream: RecordStream, schemas: dict[int, Schema]) -> Channel:
     """The content of a Channel record. Raises Malformed."""
-    found = r.parsed(r.Channel, stream)
+    found = r.parsed(r.kinds.Channel, stream)
     metadata, _ = stream.last_map(before=2)
     schema = schemas.get(found.schema_id)
     return Channel(found.id, found.topic, found.message_encoding, schema, found.schema_id, metadata.get(_QOS, ""))

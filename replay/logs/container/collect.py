@@ -1,4 +1,4 @@
-"""What the records of the data section add up to: channels, counts, and the messages that are wanted."""
+"""Collection of the records of the data section: channels, counts, and wanted messages."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -52,7 +52,7 @@ class Collector:
             self._add_metadata(stream)
 
     def _add_metadata(self, stream: RecordStream) -> None:
-        name = r.parsed(r.Metadata, stream).name
+        name = r.parsed(r.kinds.Metadata, stream).name
         values, duplicates = stream.last_map(before=1)
         if duplicates:
             self.findings.add("W_METADATA", f"metadata record {name!r} repeats the key {duplicates[0]!r}")
@@ -90,7 +90,7 @@ class Collector:
     # ---- chunks
 
     def add_chunk(self, data: bytes, number: int) -> None:
-        """All records of a chunk, or none: its framing is checked to the end before anything counts.
+        """Add all records of a chunk, or none: its framing is checked to the end first.
 
         Raises:
             Malformed: the framing is broken.

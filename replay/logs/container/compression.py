@@ -1,4 +1,4 @@
-"""Decoding one chunk's records, never producing more than one byte over what the chunk declares."""
+"""Decoding of one chunk's records, never more than one byte over what the chunk declares."""
 
 import zlib
 
@@ -31,7 +31,7 @@ def unpack_chunk(body: bytes, limit: int, total_left: int) -> tuple[bytes, int, 
         BadChunk: too large, unknown compression, sizes that contradict each other, wrong checksum.
         Malformed: fields that do not fit into the record.
     """
-    chunk = r.parsed(r.Chunk, r.RecordStream(body))
+    chunk = r.parsed(r.kinds.Chunk, r.RecordStream(body))
     size = chunk.uncompressed_size
     if size > limit:
         raise BadChunk("W_CHUNK_TOO_LARGE", f"declares {size} bytes, more than the limit of {limit}")
@@ -47,7 +47,7 @@ def unpack_chunk(body: bytes, limit: int, total_left: int) -> tuple[bytes, int, 
 
 
 def _decode(compression: str, packed: bytes, size: int) -> bytes:
-    """At most `size` + 1 bytes."""
+    """Decode at most `size` + 1 bytes."""
     if compression == "":
         return packed
     if compression == "zstd":

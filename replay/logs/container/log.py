@@ -14,7 +14,7 @@ GIB: Final = 1 << 30
 
 @dataclass(frozen=True, kw_only=True)
 class ReadLimits:
-    """What one log may cost. The defaults leave room for hours of recording and none for bombs."""
+    """Limits on the cost of reading one log. The defaults allow hours of recording and stop decompression bombs."""
 
     record: int = 256 * MIB
     """Largest record that is held in memory [bytes]; larger ones are skipped and reported."""
@@ -31,7 +31,7 @@ class ReadLimits:
 
 
 class Schema(NamedTuple):
-    """How the messages of a channel are laid out."""
+    """The message definition of a channel."""
 
     name: str
     """`pkg/Type` is written `pkg/msg/Type`."""
@@ -57,7 +57,7 @@ class Message(NamedTuple):
 
     channel: Channel
     log_time: int
-    """When it was recorded [ns]."""
+    """Time at which it was recorded [ns]."""
     data: bytes
 
 
@@ -70,7 +70,7 @@ class Metadata(NamedTuple):
 
 
 class Finding(NamedTuple):
-    """Something odd about the file. `lost`: messages of the recording are missing because of it."""
+    """A finding about the file. `lost`: messages of the recording are missing because of it."""
 
     code: str
     text: str
@@ -79,11 +79,11 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Log:
-    """What one MCAP file holds, or the parts of one recording."""
+    """The content of one MCAP file, or of all parts of one recording."""
 
     path: Path
     sha256: str
-    """Of the file; for a folder, of a list with one line for each part: its sum, two blanks, its name."""
+    """Checksum of the file; for a folder, of a list with one line for each part: its checksum, two blanks, its name."""
     size: int
     profile: str
     library: str
@@ -91,18 +91,18 @@ class Log:
     counts: Mapping[int, int]
     """Messages per channel id, wanted or not."""
     messages: tuple[Message, ...]
-    """Of wanted channels, by log time, then in the order of the file."""
+    """Messages of wanted channels, by log time, then in the order of the file."""
     metadata: tuple[Metadata, ...] = ()
     findings: tuple[Finding, ...] = ()
 
     @property
     def stem(self) -> str:
-        """What its cases are called: the file's name without its ending, or the folder's."""
+        """Prefix of its cases' names: the file's name without its ending, or the folder's."""
         return self.path.resolve().name if self.path.is_dir() else self.path.stem
 
     @property
     def lost(self) -> bool:
-        """Whether part of the log could not be read."""
+        """True if part of the log could not be read."""
         return any(finding.lost for finding in self.findings)
 
     @property
@@ -112,7 +112,7 @@ class Log:
 
 
 REPORTED_PER_CODE = 5
-"""Findings with the same code that are told one by one; the others are counted."""
+"""Findings with the same code that are listed one by one; further ones are counted."""
 
 
 class Findings:
@@ -133,7 +133,7 @@ class Findings:
 
     def all(self) -> tuple[Finding, ...]:
         """The findings, and a line for each code of which some were only counted."""
-        told = Counter(finding.code for finding in self._items)
-        more = {code: count - told[code] for code, count in self._per_code.items() if count > told[code]}
+        listed = Counter(finding.code for finding in self._items)
+        more = {code: count - listed[code] for code, count in self._per_code.items() if count > listed[code]}
         rest = [Finding(code, f"and {count} more of the same kind", False) for code, count in more.items()]
         return (*self._items, *rest)

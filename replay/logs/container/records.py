@@ -9,55 +9,12 @@ import io
 import struct
 from typing import Final, Protocol, TypeVar
 
+from mcap import records as kinds
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Message,
-    MessageIndex,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
-__all__ = [
-    "MAGIC",
-    "MESSAGE_PREFIX",
-    "RECORD_PREFIX",
-    "AttachmentIndex",
-    "Channel",
-    "Chunk",
-    "ChunkIndex",
-    "CompressionType",
-    "DataEnd",
-    "Footer",
-    "Header",
-    "Malformed",
-    "McapRecord",
-    "Message",
-    "MessageIndex",
-    "Metadata",
-    "MetadataIndex",
-    "Opcode",
-    "RecordBuilder",
-    "RecordStream",
-    "Schema",
-    "Statistics",
-    "SummaryOffset",
-    "Writer",
-    "parsed",
-    "record_name",
-]
+__all__ = ["CompressionType", "Opcode", "RecordBuilder", "Writer", "kinds"]
 
 MAGIC: Final = MCAP0_MAGIC
 RECORD_PREFIX: Final = struct.Struct("<BQ")  # opcode, length of the body
@@ -133,7 +90,7 @@ class _Readable(Protocol[Record]):
 
 
 def parsed(kind: _Readable[Record], stream: RecordStream) -> Record:
-    """The record of a kind, such as `Schema`, whose body is in `stream`. Raises Malformed."""
+    """The record of a kind, such as `kinds.Schema`, whose body is in `stream`. Raises Malformed."""
     try:
         return kind.read(stream)
     except UnicodeDecodeError:

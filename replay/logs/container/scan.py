@@ -89,7 +89,7 @@ class _Scan:
         self.findings.add("W_TRUNCATED", text, lost=not self.data_ended)
 
     def _has_last_bytes(self) -> bool:
-        """Whether the file ends as a complete one does."""
+        """True if the file ends as a complete one does."""
         return self.source.tail(len(r.MAGIC)) == r.MAGIC
 
     # ---- the data section
@@ -113,7 +113,7 @@ class _Scan:
             self._record(opcode, length, at, crc)
 
     def _why_to_stop(self, opcode: int, length: int) -> str:
-        """What makes it impossible to go on to a next record, if anything. Raises Cut where the file just ends."""
+        """Reason why there is no next record to read, or an empty text. Raises Cut where the file just ends."""
         if opcode == 0 and length == 0:
             return "zeros where a record should begin"
         if length <= self.source.left:
@@ -175,7 +175,7 @@ class _Scan:
         self.summary.chunks.append((at, start, end))
 
     def _data_end(self, body: bytes, crc: int) -> None:
-        stated = r.parsed(r.DataEnd, RecordStream(body)).data_section_crc
+        stated = r.parsed(r.kinds.DataEnd, RecordStream(body)).data_section_crc
         self.data_ended = True
         if stated:
             self.data_crc_holds = stated == crc
@@ -188,7 +188,7 @@ class _Scan:
             return
         if self.collected.num_records > 1:
             self.findings.add("W_NO_HEADER", "the Header is not the first record")
-        header = r.parsed(r.Header, RecordStream(body))
+        header = r.parsed(r.kinds.Header, RecordStream(body))
         self.header = header.profile, header.library
 
     # ---- the summary section

@@ -102,7 +102,7 @@ class Source:
 
     def finish(self) -> str:
         """Read what is left and give the SHA-256 of the whole file; raise if it changed in the meantime."""
-        with contextlib.suppress(Cut):  # it is shorter than it was: that is told below
+        with contextlib.suppress(Cut):  # it is shorter than it was: reported below
             self.skip(self.left)
         now = os.fstat(self._file.fileno())
         if (now.st_size, now.st_mtime_ns) != (self._state.st_size, self._state.st_mtime_ns):
@@ -123,7 +123,7 @@ def _looks_like(first: bytes) -> str:
 
 
 def not_a_file(path: Path) -> str:
-    """What a folder is, that is no log; its files are named."""
+    """Text for a folder that is no log; names its files."""
     inside = sorted(p.name for p in path.glob("*.mcap"))
     if not inside:
         return "a folder without MCAP files, expected an MCAP log"

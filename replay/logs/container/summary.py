@@ -1,4 +1,4 @@
-"""What a log says about itself at its end, compared with what was read. Nothing is ever looked up in it."""
+"""Comparison of the summary at a log's end with what was read. Nothing is ever looked up in the summary."""
 
 import zlib
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ _NAME_CHARACTERS = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWX
 
 
 class Attachment(NamedTuple):
-    """What is said about an attachment; its content is not kept."""
+    """Facts about an attachment; its content is not kept."""
 
     name: str
     sound: bool
@@ -91,7 +91,7 @@ class Summary:
 
     def check_footer(self, body: bytes, crc: int) -> Iterator[tuple[str, str]]:
         """Code and text of what is wrong with the Footer. `crc`: of the summary up to the Footer's fields."""
-        footer = r.parsed(r.Footer, RecordStream(body))
+        footer = r.parsed(r.kinds.Footer, RecordStream(body))
         if footer.summary_crc and footer.summary_crc != zlib.crc32(body[:16], crc):
             yield "W_CRC_SUMMARY", "the checksum of the summary is wrong; it is not needed"
         if footer.summary_start != (self.start if self._num_records else 0):

@@ -1,4 +1,4 @@
-"""From a log file to cases: each path message is one request, on the map that was there at its time."""
+"""Assembly of cases from a log: each path message is one request, on the map of its time."""
 
 import dataclasses
 import os
@@ -39,7 +39,7 @@ from replay.logs.messages.types import PoseSeries
 from replay.run.case import Case, ReadReport
 
 _NOTED_LENGTH = 0.03
-"""Difference between hitch_to_axle and what the paths say from which a note tells it [m]: noise averages to less."""
+"""Least difference between hitch_to_axle and the paths' own that gets a note [m]: noise averages to less."""
 
 
 def read_cases(path: str | os.PathLike[str], options: ReadOptions | None = None) -> list[Case]:
@@ -121,7 +121,7 @@ class _Reader:
     """Sources of hitch angles beside paths, and notes, by the frame of the path; filled as they are asked for."""
 
     def cases(self) -> list[Case]:
-        """All requests that can be used, or the one that the options choose."""
+        """Cases of all usable requests, or of the one that the options choose."""
         cases: list[Case] = []
         errors: list[LogError] = []
         seen: set[tuple[object, ...]] = set()
@@ -170,7 +170,7 @@ class _Reader:
         return next((other for other in nearest if other.header.stamp == series.header.stamp), nearest[0])
 
     def _identity(self, request: _Request) -> tuple[object, ...]:
-        """Equal for messages that ask the same: a latched topic repeats itself."""
+        """Key that is equal for messages with the same request: a latched topic repeats itself."""
         other = b"" if request.trailer is None else request.trailer.poses.tobytes()
         return self.maps.index_at(request.log_time), request.series.poses.tobytes(), other
 
@@ -269,7 +269,7 @@ class _Reader:
         return hitch_angles(at[:, 2] - recorded.poses[:, 2]), self._length_notes(recorded, at)
 
     def _other_reference(self, recorded: RecordedPoses, at: Array) -> str:
-        """Which --reference would put the trailer's axle where it is, for an error; empty where none does."""
+        """Advice for an error: the --reference that would put the trailer's axle where it is; empty where none does."""
         taken = reference_offset(self.vehicle, self.options)
         for name, ahead in references(self.vehicle).items():
             moved = at_rear_axle(recorded.poses, ahead - taken)
@@ -278,7 +278,7 @@ class _Reader:
         return ""
 
     def _length_notes(self, recorded: RecordedPoses, at: Array) -> list[str]:
-        """Where the paths themselves speak for another length of the trailer."""
+        """Notes where the paths suggest another length of the trailer."""
         if self.vehicle.hitch_offset != 0.0:
             return []
         found = float(np.median(np.hypot(*(recorded.poses[:, :2] - at[:, :2]).T)))

@@ -57,7 +57,7 @@ def outline(image: MapImage) -> Array:
 
 
 def obstacle_cells(image: MapImage, options: ReadOptions) -> NDArray[np.bool_]:
-    """Which cells are obstacles. Shape (H, W)."""
+    """Mask of the cells that are obstacles. Shape (H, W)."""
     occupied = image.cells >= options.occupied_from
     return occupied | (image.cells < 0) if options.unknown == "obstacle" else occupied
 

@@ -17,7 +17,7 @@ from replay.logs.messages.types import Joints, PoseSeries, Transform
 from replay.run.case import HitchSource
 
 DISAGREE = 0.02
-"""Difference between two sources of the hitch angle from which a note tells it [rad]."""
+"""Least difference between two sources of the hitch angle that gets a note [rad]."""
 JOINT_WORDS = ("hitch", "trailer", "articulation", "kingpin", "fifth_wheel", "fifthwheel")
 """A joint whose name holds one of these is the hitch, unless it is a wheel."""
 FRAME_WORD = "trailer"
@@ -39,7 +39,7 @@ class Angles(NamedTuple):
 
 
 class Hitch(NamedTuple):
-    """What is known about the hitch angle of a request."""
+    """Hitch angle of a request."""
 
     source: HitchSource
     alpha: Array | None
@@ -47,13 +47,13 @@ class Hitch(NamedTuple):
     initial: float
     notes: list[str]
     sign_of: str = ""
-    """What gave `alpha`, where its sign is a matter of convention."""
+    """Source of `alpha`, where its sign is a matter of convention."""
 
 
 def sources(
     topics: Sequence[Topic], frames: Frames, path_frame: str, options: ReadOptions
 ) -> tuple[list[Angles], list[str]]:
-    """All sources of hitch angles beside paths, best first, and notes about those that cannot be used.
+    """Sources of hitch angles beside paths, best first, and notes about those that cannot be used.
 
     Raises:
         LogError, Refusal: an option asks for one that cannot be used.

@@ -1,4 +1,4 @@
-"""From the poses of one path message to what a fit can use: in the plane, distinct, with headings and gears."""
+"""Preparation of one path message for the fit: poses in the plane, distinct, with headings and gears."""
 
 from dataclasses import dataclass
 
@@ -61,7 +61,7 @@ class RecordedPoses:
 
     @property
     def is_exact(self) -> bool:
-        """Whether the poses have too little noise to matter."""
+        """True if the noise of the poses is negligible."""
         return self.noise.position <= QUIET.position and self.noise.heading <= QUIET.heading
 
     def averaged(self, values: Array) -> Array:
@@ -227,7 +227,7 @@ def _distinct(xy: Array) -> tuple[IntArray, IntArray]:
 
 
 def headings_missing(poses: Array) -> bool:
-    """Whether the headings are all the same although the path turns, or runs across them."""
+    """True if all headings are equal although the path turns, or runs across them."""
     if np.ptp(poses[:, 2]) > 1e-9:
         return False
     dx, dy = np.diff(poses[:, :2], axis=0).T

@@ -1,4 +1,4 @@
-"""Which of the paths in a log is the truck's, and which the trailer's."""
+"""Roles of the paths in a log: truck or trailer."""
 
 import numpy as np
 
@@ -32,7 +32,7 @@ def truck_and_trailer(
     offset: how far ahead of the rear axle the truck's poses are [m].
 
     Raises:
-        LogError: it cannot be told; the error lists the topics and names the options.
+        LogError: the log leaves it open; the error lists the topics and names the options.
     """
     if len(trucks) == 1 and trailers == trucks:
         return trucks[0], None

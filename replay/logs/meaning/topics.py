@@ -1,4 +1,4 @@
-"""Which topics of a log hold the map and the paths, and their messages, decoded."""
+"""The topics of a log with their decoded messages, and the choice of those with the map and the paths."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ from replay.logs.messages.types import (
 )
 
 EXPORTED = "/replay/"
-"""Where paths are that this program itself has written into a copy of a log."""
+"""Topic prefix of paths that this program wrote into a copy of a log."""
 
 
 KEPT_BYTES = 128 << 20
@@ -35,7 +35,7 @@ _OBJECT_BYTES = 1000
 
 
 def is_wanted(channel: Channel) -> bool:
-    """Whether a channel may hold something that is understood."""
+    """True if the messages of a channel are of a type that is understood."""
     return channel.schema is not None and channel.schema.name in MESSAGE_TYPES
 
 
@@ -90,23 +90,23 @@ class Topic:
 
     @property
     def message_type(self) -> MessageType:
-        """How its messages are read."""
+        """Type of its messages."""
         return MESSAGE_TYPES[self.schema]
 
     @property
     def title(self) -> str:
-        """For lists in errors."""
+        """Name, type and size, for lists in errors."""
         count = self.num_logged
         return f"{printable(self.name, 80)} ({self.schema}, {count} message{'s' * (count != 1)})"
 
     @property
     def num_logged(self) -> int:
-        """How many messages the log holds of it."""
+        """Number of its messages in the log."""
         return len(self.messages)
 
     @property
     def where(self) -> str:
-        """How errors begin."""
+        """First words of its errors."""
         role = "pose" if self.message_type.role == "stream" else self.message_type.role
         return f"{role} topic {printable(self.name, 80)!r}"
 
@@ -159,7 +159,7 @@ class Stream(Topic):
 
     @property
     def num_logged(self) -> int:
-        """How many messages the log holds of it."""
+        """Number of its messages in the log."""
         return self.each.num_logged
 
     def decode(self, index: int) -> PoseSeries:

@@ -1,4 +1,4 @@
-"""What each channel of a log was understood as, and what was not, and why: for people, in one line each."""
+"""One line for each channel of a log: its use and size, or the reason why it is not read."""
 
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
@@ -18,16 +18,16 @@ _WORDS: Final[dict[Role, tuple[str, str]]] = {
     "joints": ("joints", "states"),
     "transforms": ("transforms", "transforms"),
 }
-"""What the messages of a role are, and what is counted in them."""
+"""Name of a role, and of the unit that is counted."""
 
 
 class Use(NamedTuple):
-    """One channel."""
+    """Use of one channel."""
 
     role: Role | None
-    """What its messages are read as; None if they are not read."""
+    """Use of its messages; None if they are not read."""
     text: str
-    """What is in them, or why they are not read."""
+    """Use and size in words, or the reason why they are not read."""
 
 
 def uses(log: Log, topics: Sequence[Topic]) -> list[Use]:
@@ -61,13 +61,13 @@ def _used(topic: Topic) -> Use:
 
 
 def _reason(topic: Topic, error: LogError) -> str:
-    """What an error says after the names of the file and the topic."""
+    """Text of an error after the names of the file and the topic."""
     text = error.message.removeprefix(f"{printable(str(topic.log.path))}: ")
     return text.removeprefix(topic.where).lstrip(",: ")
 
 
 def _size(role: Role, decoded: Any) -> int:
-    """How much one message holds."""
+    """Number of units in one decoded message."""
     if role == "grid":
         return decoded.width * decoded.height
     return len(decoded.poses) if role in PATH_ROLES else len(decoded)

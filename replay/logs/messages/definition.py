@@ -45,7 +45,7 @@ def parse_ros2msg(root: str, text: str) -> MessageDefinition:
 
 
 _standard = cache(parse_ros2msg)
-"""What a log defines is not kept: it may be of any size, and comes once."""
+"""Cached for the standard definitions only: a log's may be of any size, and is parsed once."""
 
 
 def _short(name: str) -> str:
@@ -62,7 +62,7 @@ def _full_type(written: str, package: str) -> str:
 
 
 def matching_definition(name: str, definition: bytes, standards: tuple[str, ...], encoding: str = "ros2msg") -> int:
-    """Which of the standard definitions of type `name` a log's definition (`ros2msg` or `ros2idl`) equals.
+    """Number of the standard definition of type `name` that a log's definition (`ros2msg` or `ros2idl`) equals.
 
     Raises:
         DefinitionError: none of them; the text says what differs from the first.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from optim.numerics.arrays import Array, frozen, frozen_int
 from replay.logs.messages import types as m
 from replay.logs.messages.json_messages import decode_json
+from replay.logs.messages.protobuf import Decoder
 from replay.logs.messages.types import (
     Decode,
     Grid,
@@ -23,7 +24,6 @@ from replay.logs.messages.types import (
     Role,
     Transform,
 )
-from replay.logs.messages.wire import Decoder, descriptors, plan_for
 
 Tree = dict[str, Any]
 _NOT_TURNED = (0.0, 0.0, 0.0, 1.0)
@@ -233,20 +233,16 @@ def _indexed(primitive: Tree) -> list[list[float]]:
 class FoxgloveType(MessageType):
     """A Foxglove message type, in protobuf or JSON."""
 
+    encodings = ("protobuf", "protobuf"), ("json", "jsonschema"), ("json", "")
     convert: Callable[[Tree], Any]
     """Makes of a message's fields what its role asks for. Raises PayloadError."""
-
-    @property
-    def encodings(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of message encoding and encoding of the message definition that are read."""
-        return ("protobuf", "protobuf"), ("json", "jsonschema"), ("json", "")
 
     def decoder(self, encodings: tuple[str, str], definition: bytes) -> Decode:
         """The decoder for the messages of a channel. Raises DefinitionError. JSON names its fields: it needs none."""
         if encodings[0] == "json":
             fields = partial(decode_json, self.name)
         else:
-            fields = Decoder(plan_for(self.name, descriptors(definition)))
+            fields = Decoder(self.name, definition)
         return lambda data: self.convert(fields(data))
 
 

@@ -12,23 +12,16 @@ from replay.logs.messages import ros2_definitions as definitions
 from replay.logs.messages.definition import matching_definition
 from replay.logs.messages.types import Decode, MessageType, Role
 
-DEFINITIONS: Final = ("ros2msg", "ros2idl")
-"""Encodings of message definitions that are read."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Ros2Type(MessageType):
     """A ROS 2 message type, in CDR."""
 
+    encodings = ("cdr", "ros2msg"), ("cdr", "ros2idl")
     standards: tuple[str, ...]
     """The message definitions that `decode` knows."""
     decode: Callable[[bytes, int], Any]
     """Decodes a message whose definition is the one of that number. Raises PayloadError."""
-
-    @property
-    def encodings(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of message encoding and encoding of the message definition that are read."""
-        return tuple(("cdr", each) for each in DEFINITIONS)
 
     def decoder(self, encodings: tuple[str, str], definition: bytes) -> Decode:
         """The decoder for the messages of a channel. Raises DefinitionError."""

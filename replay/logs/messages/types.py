@@ -1,8 +1,8 @@
-"""What a message type is, and the values that messages are decoded to: plain arrays, as sent, only lengths checked."""
+"""Message types, and the values that messages are decoded to: plain arrays, as sent, only lengths checked."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from optim.numerics.arrays import Array
 
 Role = Literal["grid", "markers", "polygon", "path", "stream", "joints", "transforms"]
-"""What a message is read as: three kinds of map, a path, one pose of a stream that makes a path, joint angles,
-transforms between frames."""
+"""Use of a message: three kinds of map, a path, one pose of a stream that makes a path, joint angles, transforms."""
 MAP_ROLES: tuple[Role, ...] = ("grid", "markers", "polygon")
 PATH_ROLES: tuple[Role, ...] = ("path", "stream")
 
@@ -35,12 +34,10 @@ class MessageType:
 
     name: str
     role: Role
-    """What its messages are read as."""
+    """Use of its messages."""
 
-    @property
-    def encodings(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of message encoding and encoding of the message definition that are read."""
-        raise NotImplementedError
+    encodings: ClassVar[tuple[tuple[str, str], ...]]
+    """Pairs of message encoding and encoding of the message definition that are read."""
 
     def decoder(self, encodings: tuple[str, str], definition: bytes) -> Decode:
         """The decoder for the messages of a channel.
@@ -54,7 +51,7 @@ class MessageType:
 
 
 class Header(NamedTuple):
-    """When and in which frame."""
+    """Time and frame of a message."""
 
     stamp: int
     """[ns]"""
@@ -85,7 +82,7 @@ class PoseSeries:
     poses: Array
     """Position x, y, z [m] and quaternion x, y, z, w. Shape (n, 7)."""
     frames: frozenset[str]
-    """Every frame that a pose names."""
+    """Frames named by the poses."""
     speed: Array | None = None
     """Speed along the heading, negative in reverse [m/s], where the type has one. Shape (n,)."""
     steer: Array | None = None

@@ -1,8 +1,9 @@
-"""The parent's end of a process that works on logs: starts it, watches it, ends it, and says what it died of."""
+"""Supervisors of workers on this machine: each starts a worker, watches it, ends it, and says why it died."""
 
 import contextlib
 import os
 import pickle
+import queue
 import signal
 import socket
 import subprocess
@@ -10,32 +11,33 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Generator, Iterable
 from multiprocessing.connection import Connection
 from typing import IO, Any, Self
 
-from replay.regress.work import Job, Outcome, publish_error
-from replay.run.worker import BUSY
+from replay.regress.job import Job, Outcome, publish_error
+from replay.run.limits import BUSY, NO_LIMITS, Limits
 
 START_S = 120.0
-"""Time for a process to start and import what it needs [s]."""
+"""Time for a worker to start and import what it needs [s]."""
 READ_S = 60.0
 """Time for reading a log, for measuring a recorded path, and for writing a recording, each [s]."""
 COMPILE_S = 300.0
-"""Time for a method beside its own limit, and for every stage of a process's first job [s]: kernels may have to be
+"""Time for a method beside its own limit, and for every stage of a worker's first job [s]: kernels may have to be
 compiled."""
 MOST_JOBS = 200
-"""Jobs after which a process is replaced, lest it grow."""
+"""Jobs after which a worker is replaced, to bound memory growth."""
 MOST_TRIES = 2
-"""Processes that one log may cost."""
-_WAIT_S = 0.1
+"""Workers that one log may cost."""
+_POLL_S, _QUEUE_S = 0.1, 0.2
 
 
 class Stopped(Exception):
-    """The work was called off."""
+    """The run was stopped while a job was being done."""
 
 
-class Slot:
-    """One process at a time, and one job at a time in it. A context manager: the process ends with it."""
+class Supervisor:
+    """Keeps one worker, which does one job at a time. A context manager: the worker ends with it."""
 
     def __init__(self, stop: threading.Event | None = None) -> None:
         self._stop = stop or threading.Event()
@@ -43,7 +45,7 @@ class Slot:
         self._pipe: Connection | None = None
         self._lifeline = -1
         self._words: IO[bytes] | None = None
-        self._limits: tuple[float, int] = (0.0, 0)
+        self._limits: Limits = NO_LIMITS
         self._jobs = 0
 
     def __enter__(self) -> Self:
@@ -53,9 +55,9 @@ class Slot:
         self.end()
 
     def run(self, job: Job) -> Outcome:
-        """Have a log worked on; one that kills its process twice, or hangs, costs its own row. Raises Stopped.
+        """Have a job done; a log that kills its worker twice, or hangs, becomes an error of its own. Raises Stopped.
 
-        Twice, because somebody else may have killed the process, as the system does that runs out of memory.
+        Twice, because the worker may have been killed by somebody else, as by a system that runs out of memory.
         """
         words = ""
         try:
@@ -82,12 +84,12 @@ class Slot:
             if kind == "done":
                 return body
             is_method = body.startswith("method ")
-            stage, limit = body, BUSY * job.settings.time_limit + COMPILE_S if is_method else usual
+            stage, limit = body, BUSY * job.options.limits.time_s + COMPILE_S if is_method else usual
 
     def _next(self, pipe: Connection, stage: str, limit: float) -> tuple[str, Any]:
-        """The next message. Raises _Late, Stopped, EOFError where the process has died."""
+        """The next message. Raises _Late, Stopped, EOFError where the worker has died."""
         deadline = time.monotonic() + limit
-        while not pipe.poll(_WAIT_S):
+        while not pipe.poll(_POLL_S):
             if self._stop.is_set():
                 raise Stopped
             if time.monotonic() > deadline:
@@ -96,14 +98,14 @@ class Slot:
         return pickle.loads(pipe.recv_bytes())
 
     def _ready(self, job: Job) -> Connection:
-        """The socket to the process, which is started if there is none, or if it has served long enough."""
-        limits = (job.settings.time_limit, job.settings.memory_limit)
+        """The socket to the worker, which is started if there is none, or if it has served long enough."""
+        limits = job.options.limits
         if self._pipe is not None and limits == self._limits and self._jobs < MOST_JOBS:
             return self._pipe
         self.end()
         self._limits, self._jobs = limits, 0
         pipe = self._pipe = self._start()
-        pipe.send_bytes(pickle.dumps((sys.path, *limits)))
+        pipe.send_bytes(pickle.dumps((sys.path, pickle.dumps(limits))))  # limits need this path to be unpacked
         self._next(pipe, "starting", START_S)
         return pipe
 
@@ -111,7 +113,7 @@ class Slot:
         ours, theirs = socket.socketpair()
         end, self._lifeline = os.pipe()
         self._words = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
-        command = [sys.executable, "-P", "-m", "replay.regress.child", str(theirs.fileno()), str(end)]
+        command = [sys.executable, "-P", "-m", "replay.regress.worker", str(theirs.fileno()), str(end)]
         try:
             self._process = subprocess.Popen(
                 command,
@@ -127,7 +129,7 @@ class Slot:
         return Connection(ours.detach())
 
     def _last_words(self) -> str:
-        """Why the process has gone, and the last line that it wrote."""
+        """Why the worker has died, and the last line that it wrote."""
         process, line = self._process, ""
         if process is None:
             return "its process could not be started"
@@ -146,7 +148,7 @@ class Slot:
         return f"its process ended with exit status {code}" + (f": {line[:200]}" if line else "")
 
     def end(self) -> None:
-        """End the process with everything below it."""
+        """End the worker and all processes below it."""
         if self._process is not None:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(self._process.pid, signal.SIGKILL)
@@ -162,3 +164,52 @@ class Slot:
 
 class _Late(Exception):
     """A stage took too long; `str()` says which."""
+
+
+def run_here(jobs: Iterable[Job], num_workers: int) -> Generator[Outcome]:
+    """Do jobs in workers of this machine; outcomes come in the order in which jobs end.
+
+    Jobs are taken when a worker is free, so that their number does not matter for memory. Closing the iterator, or an
+    exception in whoever reads it, ends all workers. Raises what a job's bookkeeping raises (OSError where results
+    cannot be written).
+    """
+    waiting = iter(jobs)
+    taking = threading.Lock()
+    stop = threading.Event()
+    done: queue.SimpleQueue[Outcome | BaseException | None] = queue.SimpleQueue()
+
+    def serve() -> None:
+        try:
+            with Supervisor(stop) as supervisor:
+                while not stop.is_set():
+                    with taking:
+                        job = next(waiting, None)
+                    if job is None:
+                        break
+                    done.put(supervisor.run(job))
+        except Stopped:
+            pass
+        except BaseException as error:
+            done.put(error)
+        done.put(None)
+
+    threads = [threading.Thread(target=serve, daemon=True) for _ in range(num_workers)]
+    for thread in threads:
+        thread.start()
+    try:
+        num_busy = num_workers
+        while num_busy:
+            try:
+                outcome = done.get(timeout=_QUEUE_S)  # with a timeout, so that Ctrl-C is noticed
+            except queue.Empty:
+                continue
+            if isinstance(outcome, BaseException):
+                raise outcome
+            if outcome is None:
+                num_busy -= 1
+            else:
+                yield outcome
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()

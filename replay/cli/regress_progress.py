@@ -1,4 +1,4 @@
-"""Progress of a run on a terminal: how far it is, how fast, how long it will take, and what has failed so far."""
+"""Progress of a regression run on a terminal: rate, remaining time, and what has failed so far."""
 
 import time
 from collections import Counter
@@ -8,12 +8,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
 
-from replay.regress.work import Outcome
+from replay.regress.job import Outcome
 
-_STATES = ("crashed", "worse", "unread")
+_FAILURES = ("crashed", "worse", "unread")
 
 
-class Bar:
+class RunProgress:
     """A context manager around a run; the bar vanishes at the end. Does nothing unless enabled."""
 
     def __init__(self, console: Console, *, enabled: bool, unit: str = "logs") -> None:
@@ -41,7 +41,7 @@ class Bar:
         self._bars.stop()
 
     def outcome(self, outcome: Outcome | None, done: int, total: int) -> None:
-        """One more log is done; None before the first."""
+        """Show that one more log is done; None before the first."""
         if outcome is None:
             self._begun, self._done_before = time.monotonic(), done
         else:
@@ -49,13 +49,13 @@ class Bar:
         self.count(done, total)
 
     def count(self, done: int, total: int) -> None:
-        """So much is done."""
+        """Show how many units are done."""
         self._bars.update(self._task, completed=done, total=total, words=self.words(done, total))
 
     def words(self, done: int, total: int) -> str:
         """Rate, remaining time and failures so far."""
         rate = (done - self._done_before) / max(time.monotonic() - self._begun, 1e-9)
-        failed = ", ".join(f"{self._counts[state]} {state}" for state in _STATES if self._counts[state])
+        failed = ", ".join(f"{self._counts[state]} {state}" for state in _FAILURES if self._counts[state])
         parts = (
             [f"{60.0 * rate:.3g} {self._unit}/min, {_duration((total - done) / rate)} left"]
             if rate > 0.0

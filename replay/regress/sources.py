@@ -1,19 +1,40 @@
-"""Logs in an object store: listed, and fetched once each into a cache on this machine. Needs the extra `s3`.
+"""Logs as files of this machine. Those in an object store are listed, and fetched once each into a cache (extra `s3`).
 
-Where the store is and who we are is the business of its client (for S3: AWS_ENDPOINT_URL, AWS_PROFILE, ...).
+The client of a store knows its address and our identity (for S3: AWS_ENDPOINT_URL, AWS_PROFILE, ...).
 """
 
+import hashlib
 import os
 import pathlib
 from typing import Any
 
 from replay.base.errors import ReplayError
 
+STORES = ("s3://",)
+"""Beginnings of addresses in object stores."""
 STORE_ERROR = "E_STORE"
 
 
+def local_file(path: str) -> pathlib.Path:
+    """The file of a log; for an address in an object store, a copy of the object. Raises ReplayError (E_STORE)."""
+    return fetched(path) if path.startswith(STORES) else pathlib.Path(path)
+
+
+def digest(path: str) -> str | None:
+    """SHA-256 of a local file in hexadecimal digits; None where it cannot be read, and for an object store."""
+    if path.startswith(STORES):
+        return None
+    try:
+        if not os.path.isfile(path):  # noqa: PTH113 - a pipe would block
+            return None
+        with pathlib.Path(path).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (OSError, ValueError):
+        return None
+
+
 def find_objects(where: str, suffix: str) -> list[tuple[str, str]]:
-    """Name and address of each object below a prefix whose name ends with `suffix`. ReplayError (E_STORE)."""
+    """Name and address of each object below a prefix whose name ends with `suffix`. Raises ReplayError (E_STORE)."""
     system, root = _system(where)
     scheme = where.partition("://")[0]
     try:
@@ -26,7 +47,7 @@ def find_objects(where: str, suffix: str) -> list[tuple[str, str]]:
 
 
 def fetched(address: str) -> pathlib.Path:
-    """A copy of an object on this machine, fetched anew where the object has changed. ReplayError (E_STORE)."""
+    """Copy an object to this machine, again where the object has changed. Raises ReplayError (E_STORE)."""
     import fsspec
 
     cache = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "replay" / "objects"
