@@ -20,6 +20,7 @@ import argparse
 import collections
 import contextlib
 import importlib
+import importlib.metadata
 import multiprocessing
 import os
 import pathlib
@@ -130,9 +131,8 @@ def command(log: pathlib.Path, method: str, folder: pathlib.Path, recording: boo
     """The steps of `replay optimize`."""
     words = ["optimize", str(log), "--method", method, "--out", str(folder), "--quiet"]
     words.append("--recording" if recording else "--no-recording")
-    from replay.cli import main as replay
-
-    return [lambda: replay(words)]
+    (entry,) = importlib.metadata.entry_points(group="console_scripts", name="replay")
+    return [lambda: entry.load()(words)]
 
 
 def functions(log: pathlib.Path, method: str, folder: pathlib.Path, recording: bool) -> list[Callable[[], Any]]:
