@@ -66,7 +66,7 @@ def read(log: File, options: ReadOptions | None = None, **changes: Any) -> list[
 
 
 def read_options(options: ReadOptions, changes: Mapping[str, Any]) -> ReadOptions:
-    """The options with some of them changed. Raises UsageError, or ReplayError for the file of a vehicle."""
+    """The options with some of them changed. Raises UsageError."""
     names = [field.name for field in dataclasses.fields(ReadOptions)]
     for name in changes:
         if name not in names:
@@ -126,7 +126,7 @@ def optimize(
         raise UsageError(f"expected one case, as in read(log)[0], and it is a {type(case).__name__}")
     chosen = chosen_methods(methods, seed)
     if weights is not None:
-        case = dataclasses.replace(case, problem=dataclasses.replace(case.problem, weights=weights))
+        case = with_weights(case, weights)
     _prepared()
     shown = progress if isinstance(progress, Progress) else Progress(enabled=progress)
     watched = _Watched(case.name, shown, on_iterate, on_start, on_end)
@@ -142,6 +142,11 @@ def optimize(
             limits=solver.limits,
             solve=solver,
         )
+
+
+def with_weights(case: Case, weights: Weights) -> Case:
+    """The case with other weights of the objective."""
+    return dataclasses.replace(case, problem=dataclasses.replace(case.problem, weights=weights))
 
 
 class _Watched:

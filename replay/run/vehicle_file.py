@@ -1,19 +1,16 @@
 """A vehicle as a TOML file: keys as the fields of `Vehicle`, SI units."""
 
 import os
-from typing import Final
 
 from optim.model.vehicle import Vehicle
 from replay.base.documents import DocumentError, convert, read_toml
-from replay.base.errors import ReplayError
-
-VEHICLE_ERROR: Final = "E_VEHICLE"
+from replay.base.errors import UsageError
 
 
 def read_vehicle(path: str | os.PathLike[str]) -> Vehicle:
     """Read a vehicle; keys that the file leaves out have their defaults.
 
-    Raises ReplayError (E_VEHICLE) for a file that cannot be read, an unknown key, or a value out of range.
+    Raises UsageError for a file that cannot be read, an unknown key, or a value out of range.
     """
     try:
         content = read_toml(path)
@@ -24,4 +21,5 @@ def read_vehicle(path: str | os.PathLike[str]) -> Vehicle:
             )
         return convert(content, Vehicle, exact=True)
     except DocumentError as error:
-        raise ReplayError(VEHICLE_ERROR, f"{os.fspath(path)}: {error}") from error
+        said = str(error).removeprefix("vehicle: ")  # how `Vehicle` begins
+        raise UsageError(f"vehicle {os.fspath(path)}: {said}") from error
