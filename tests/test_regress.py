@@ -53,7 +53,8 @@ def test_a_method_that_is_half_a_percent_worse_on_one_class_is_found_and_named(c
     assert found.state == "failed"
     worse = [entry for entry in help.verdicts(run, "worse") if entry.key == "objective"]
     assert {entry.log for entry in worse} == {"bay_01", "bay_02"}
-    assert all(0.003 < float(entry.after or 0.0) / float(entry.before or 0.0) - 1.0 < 0.007 for entry in worse)
+    ratios = [float(entry.after or 0.0) / float(entry.before or 0.0) for entry in worse]
+    assert all(0.003 < ratio - 1.0 < 0.007 for ratio in ratios)
     assert any("ddp: objective worse on 2 cases of class bay" in line for line in found.failing)
     assert not [entry for entry in help.verdicts(run, "worse", "crashed") if entry.log == "dock_01"]
 
