@@ -13,7 +13,7 @@ METHODS = ("shortcut", "cpo", "ddp", "scp", "nlp")
 GAIN = {"shortcut": 0.72, "cpo": 0.93, "ddp": 0.66, "scp": 0.661, "nlp": 0.67}
 COMMANDS = {
     "accept": ".venv/bin/replay regress accept runs/RUN --baseline baseline.json",
-    "view": ".venv/bin/replay view runs/RUN",
+    "view": ".venv/bin/rerun runs/RUN/recordings/*.rrd",
 }
 CLASSES = ("open", "narrow", "cusps", "reverse")
 

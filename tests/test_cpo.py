@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scenes import random_problem
 
-from optim.methods.cpo.drivable import _Task, drivable_stretch, fit_points, steering
+from optim.methods.cpo.drivable import _StretchFit, drivable_stretch, fit_points, steering
 from optim.methods.cpo.method import Cpo
-from optim.methods.cpo.points import Track, spread
-from optim.methods.cpo.rounds import checks, improve
+from optim.methods.cpo.points import RecordedAxle, spread
 from optim.methods.cpo.spline import basis, positions
+from optim.methods.cpo.trial import limit_checks
 from optim.model.flat_map import flat_from_state
 from optim.model.kinematics import rk4_step_jacobian
 from optim.model.objective import objective
@@ -40,12 +40,12 @@ def test_the_fits_jacobian_is_the_derivative_of_its_misfit(limit):
     c, length = rng.normal(0.0, 0.08, 13), 6.0
     start, end = np.array([1.0, 2.0, 0.3, c[0], 0.0]), np.array([5.0, 3.0, 0.5, c[-1], 0.0])
     vehicle = Vehicle(max_hitch=0.4, max_steer=0.3, max_steer_rate=0.1)
-    task = _Task(vehicle, bases, rng.normal(0.0, 1.0, (len(bases.ends), 2)), start, end)
-    rows, closing = task.jacobian(c, length, limit)
+    fit = _StretchFit(vehicle, bases, rng.normal(0.0, 1.0, (len(bases.ends), 2)), start, end)
+    rows, closing = fit.jacobian(c, length, limit)
     for k in range(len(c) + 1):
         step = np.zeros(len(c) + 1)
         step[k] = 1e-6
-        ahead, behind = (task.misfit(c + sign * step[:-1], length + sign * step[-1], limit) for sign in (1.0, -1.0))
+        ahead, behind = (fit.misfit(c + sign * step[:-1], length + sign * step[-1], limit) for sign in (1.0, -1.0))
         np.testing.assert_allclose(closing[:, k], (ahead[1] - behind[1]) / 2e-6, atol=1e-6)
         if k < len(c):  # the misfit's scale by the length is left out, as it changes no balance
             expected = (ahead[0] - behind[0]) / 2e-6
@@ -57,9 +57,9 @@ def test_a_fitted_stretch_follows_the_kinematics_keeps_the_limits_and_meets_both
     problem = random_problem(seed)
     vehicle = problem.vehicle
     for segment in problem.recorded.segments:
-        track = Track.of(vehicle, segment)
-        row = spread(track, track.flat[:, :2], track.share, 0.5, NOTHING)
-        stretch = drivable_stretch(vehicle, segment.direction, row.on_path, track.flat[0], track.flat[-1], 0.05)
+        axle = RecordedAxle.of(vehicle, segment)
+        row = spread(axle, axle.flat[:, :2], axle.share, 0.5, NOTHING)
+        stretch = drivable_stretch(vehicle, segment.direction, row.on_path, axle.flat[0], axle.flat[-1], 0.05)
         assert stretch is not None
         assert stretch.gap < 1e-9
         assert stretch.deviation < 0.1
@@ -69,7 +69,7 @@ def test_a_fitted_stretch_follows_the_kinematics_keeps_the_limits_and_meets_both
         reached, _ = rk4_step_jacobian(vehicle, fitted.states[:-1], fitted.phi[:-1], fitted.phi[1:], ds, gear)
         assert np.abs(reached - fitted.states[1:]).max() < 1e-7
         np.testing.assert_allclose(fitted.states[[0, -1]], segment.states[[0, -1]], atol=1e-9)
-        assert all(check.is_kept for check in checks(problem, fitted)[:3])
+        assert all(check.is_kept for check in limit_checks(problem, fitted)[:3])
 
 
 def test_points_that_ask_for_more_than_the_steering_gives_are_approached_not_followed():
@@ -159,7 +159,7 @@ def test_a_stretch_that_collides_as_recorded_is_led_round_the_obstacle():
     problem = dataclasses.replace(problem, scene=make_scene([block]))
     assert problem.recorded_clearance < 0.0
     method = Cpo()
-    trial = improve(method.settings(problem), segment, lambda _: None)
+    trial = method.improve_segment(problem, method.terms(problem, method.spacing), segment, lambda _: None)
     assert trial.is_sound
     assert trial.stretch is not None
     assert path_clearance(problem.vehicle, problem.scene, Path((trial.stretch.segment,))) >= 0.1
@@ -172,7 +172,7 @@ def test_the_variants_end_in_sound_paths_too(options):
     assert objective(result.path, problem.weights) < objective(problem.recorded, problem.weights)
     assert path_clearance(problem.vehicle, problem.scene, result.path) >= problem.required_clearance - 1e-9
     for segment in result.path.segments:
-        assert all(check.residual <= 1.001 for check in checks(problem, segment))
+        assert all(check.residual <= 1.001 for check in limit_checks(problem, segment))
 
 
 def test_the_method_begins_where_an_earlier_one_ended():

@@ -8,10 +8,10 @@ import shapely
 from scenes import random_problem
 from shapes import random_blocks
 
-from optim.methods.cpo.descent import descend
+from optim.methods.cpo.bfgs import minimise_bfgs
 from optim.methods.cpo.discs import axle_point, covering_discs
 from optim.methods.cpo.method import Cpo
-from optim.methods.cpo.points import ENDS, Track, spread
+from optim.methods.cpo.points import ENDS, RecordedAxle, spread
 from optim.methods.cpo.terms import BAND, Terms, bends, headings, truck_bends
 from optim.model.clearance import distance_field
 from optim.model.scene import make_scene
@@ -152,28 +152,28 @@ def test_the_discs_contain_both_bodies_and_protrude_by_no_more_than_the_excess(v
 def test_two_samples_at_each_end_are_anchored_with_the_recorded_curvature():
     problem = random_problem(2)
     for segment in problem.recorded.segments:
-        track = Track.of(problem.vehicle, segment)
-        row = spread(track, track.flat[:, :2], track.share, 0.5, np.empty((0, 2)))
+        axle = RecordedAxle.of(problem.vehicle, segment)
+        row = spread(axle, axle.flat[:, :2], axle.share, 0.5, np.empty((0, 2)))
         assert row.anchored[: ENDS + 1].all()
         assert row.anchored[-ENDS - 1 :].all()
         assert not row.anchored[ENDS + 1 : -ENDS - 1].any()
-        np.testing.assert_allclose(row.on_path[[0, -1]], track.flat[[0, -1], :2], atol=1e-12)
-        np.testing.assert_allclose(bends(row.points)[0][[0, -1]], track.flat[[0, -1], 3], atol=1e-3)
+        np.testing.assert_allclose(row.on_path[[0, -1]], axle.flat[[0, -1], :2], atol=1e-12)
+        np.testing.assert_allclose(bends(row.xy)[0][[0, -1]], axle.flat[[0, -1], 3], atol=1e-3)
 
 
 def test_anchored_points_stay_where_they_were_recorded_while_the_others_move():
     problem = random_problem(4)
     segment = problem.recorded.segments[1]
-    track = Track.of(problem.vehicle, segment)
-    row = spread(track, track.flat[:, :2], track.share, 0.5, np.array([[0.4, 0.5]]))
+    axle = RecordedAxle.of(problem.vehicle, segment)
+    row = spread(axle, axle.flat[:, :2], axle.share, 0.5, np.array([[0.4, 0.5]]))
     middle = row.anchored & (row.share > 0.3) & (row.share < 0.7)
     assert middle.sum() >= 3
-    done = descend(
+    done = minimise_bfgs(
         terms_near_blocks(0, obstacle=0.0, vehicle=problem.vehicle).evaluate,
-        row.points, ~row.anchored, memory=100, max_iterations=50, tolerance=1e-6, max_step=0.5,
+        row.xy, ~row.anchored, memory=100, max_iterations=50, tolerance=1e-6, max_step=0.5,
     )  # fmt: skip
-    np.testing.assert_array_equal(done.points[row.anchored], row.points[row.anchored])
-    assert np.abs(done.points - row.points).max() > 1e-3
+    np.testing.assert_array_equal(done.points[row.anchored], row.xy[row.anchored])
+    assert np.abs(done.points - row.xy).max() > 1e-3
 
 
 @pytest.mark.parametrize("memory", [20, 1000])
@@ -182,18 +182,18 @@ def test_the_points_come_to_rest_where_plain_bfgs_does_with_far_fewer_steps(memo
 
     problem = random_problem(1, num_blocks=40)
     segment = problem.recorded.segments[1]
-    track = Track.of(problem.vehicle, segment)
-    row = spread(track, track.flat[:, :2], track.share, 0.3, np.empty((0, 2)))
+    axle = RecordedAxle.of(problem.vehicle, segment)
+    row = spread(axle, axle.flat[:, :2], axle.share, 0.3, np.empty((0, 2)))
     terms, free = Cpo(d_max=1.5).terms(problem, row.spacing), ~row.anchored
-    assert dataclasses.replace(terms, curvature=0.0, smoothness=0.0, change=0.0).evaluate(row.points)[0] > 0.0
-    points = row.points.copy()
+    assert dataclasses.replace(terms, curvature=0.0, smoothness=0.0, change=0.0).evaluate(row.xy)[0] > 0.0
+    points = row.xy.copy()
 
     def cost(unknowns: np.ndarray) -> tuple[float, np.ndarray]:
         points[free] = unknowns.reshape(-1, 2)
         value, gradient, _ = terms.evaluate(points, with_metric=False)
         return value, gradient[free].ravel()
 
-    plain = minimize(cost, row.points[free].ravel(), jac=True, method="BFGS", options={"maxiter": 2000})
-    done = descend(terms.evaluate, row.points, free, memory=memory, max_iterations=500, tolerance=1e-12, max_step=0.5)
+    plain = minimize(cost, row.xy[free].ravel(), jac=True, method="BFGS", options={"maxiter": 2000})
+    done = minimise_bfgs(terms.evaluate, row.xy, free, memory=memory, max_iterations=500, tolerance=1e-12, max_step=0.5)
     assert done.value <= plain.fun * (1.0 + 1e-6)
     assert done.iterations < plain.nit / 3

@@ -15,7 +15,10 @@ from mcap.records import DataEnd
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_bytes import DEFINITIONS, chunk, container
+from mcap_bytes import channel as channel_record
 from mcap_bytes import message as message_record
+from mcap_bytes import record as any_record
+from mcap_bytes import schema as schema_record
 from mcap_ros2.decoder import DecoderFactory
 from results_maker import results_data
 
@@ -118,6 +121,24 @@ def test_a_log_that_is_cut_off_after_it_was_read_is_not_copied(tmp_path):
     (tmp_path / "log.mcap").write_bytes(bare()[:200])
     with pytest.raises(LogError, match="it cannot be copied: the file ends within a record"):
         append(log, io.BytesIO(), [], {})
+
+
+def test_a_log_with_a_broken_channel_record_is_not_copied(tmp_path):
+    broken = any_record(4, struct.pack("<HHI", 2, 1, 1 << 30) + b"/y")  # its topic is longer than its record
+    log = tmp_path / "log.mcap"
+    log.write_bytes(container(chunk(DEFINITIONS + message_record()), broken))
+    with pytest.raises(LogError, match="cannot be copied") as error, (tmp_path / "copy.mcap").open("wb") as file:
+        append(scan(log, lambda _: False), file, [], {})
+    assert error.value.code == "E_EXPORT"
+
+
+def test_fields_of_a_later_version_of_the_format_are_copied_into_the_summary(tmp_path):
+    extended = channel_record(extra=b"later")
+    log = tmp_path / "log.mcap"
+    log.write_bytes(container(chunk(schema_record() + extended + message_record())))
+    with (tmp_path / "copy.mcap").open("wb") as file:
+        append(scan(log, lambda _: False), file, [], {})
+    assert (tmp_path / "copy.mcap").read_bytes().count(extended) == 2
 
 
 def test_a_chunk_without_records_does_not_change_the_times_of_a_copy(tmp_path):

@@ -14,7 +14,7 @@ from optim.methods.scp.linearisation import Scales, convex_factor, linearise
 from optim.methods.scp.method import Scp
 from optim.methods.scp.restoration import hitch_excess, rate_excess, restore
 from optim.methods.scp.statement import LINEAR, bucket, statement
-from optim.methods.scp.subproblem import Limits, Penalty, parameter_values, solve_subproblem
+from optim.methods.scp.subproblem import KnotLimits, Penalty, parameter_values, solve_subproblem
 from optim.model.objective import objective
 from optim.model.path import Path, segment_from_states
 from optim.model.problem import Problem, path_clearance
@@ -30,7 +30,7 @@ def _near(problem: Problem):
     knots = knots_of(problem.vehicle, problem.recorded, 0.35)
     scales = Scales.of(problem.vehicle, problem.weights, 0.35)
     zeros = np.zeros((len(knots.h), 4))
-    limits = Limits(np.full((len(knots.phi), 2), problem.required_clearance), 0.0035, 0.7)
+    limits = KnotLimits(np.full((len(knots.phi), 2), problem.required_clearance), 0.0035, 0.7)
     return (
         linearise(problem, knots, scales, zeros, 1.5),
         scales,
@@ -151,7 +151,7 @@ def _at_knots(name: str, problem: Problem, unit: float):
     method = Scp(spacing=spacing) if name == "scp" else Nlp(spacing=spacing, reach=3.0 * unit)
     knots = knots_of(problem.vehicle, problem.recorded, spacing)
     required = np.full((len(knots.phi), 2), problem.required_clearance)
-    return method.at_knots(problem)(knots, required, lambda report: None)
+    return method.at_knots(problem)(knots, required, lambda knots, make: None)
 
 
 @pytest.mark.parametrize("name", ["scp", "nlp"])

@@ -63,7 +63,6 @@ def test_a_reader_that_goes_after_the_first_line_is_no_failure():
         ),
         (["optimize", "--shortcut.tries", "nan"], "--shortcut.tries is nan, expected a whole number"),
         *((["regress", f"--{name}", "1.5"], f"--{name} is 1.5, expected a whole number") for name in REGRESS_COUNTS),
-        (["view", "--port", "80.5"], "--port is 80.5, expected a whole number"),
     ],
 )
 def test_a_fraction_is_refused_where_a_whole_number_is_expected(arguments, said, capsys):

@@ -8,12 +8,16 @@ or `finite` (null, NaN, infinite, absurdly large). Nothing is repaired, nothing 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated as Float64
+from typing import Annotated as Int64
+from typing import Annotated as Shaped
 from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+# as in `optim.numerics.arrays`, of which the audit is independent
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Shapes = NDArray[np.object_]
@@ -65,20 +69,20 @@ class VehicleData(NamedTuple):
 class SceneData(NamedTuple):
     """Obstacles and the map's outline as shapely polygons."""
 
-    polygons: Shapes
+    polygons: Shaped[Shapes, " _"]
     boundary: shapely.Polygon | None
 
 
-class Track(NamedTuple):
+class PathData(NamedTuple):
     """A path in one piece: N samples, M intervals between neighbours (none across a joint of segments)."""
 
-    samples: Array
+    samples: Float64[Array, "6 N"]
     """Shape (6, N), rows as COLUMNS."""
-    segment: IntArray
+    segment: Int64[IntArray, " N"]
     """Segment of each sample. Shape (N,)."""
-    directions: IntArray
-    """+1 or -1 for each segment."""
-    left: IntArray
+    directions: Int64[IntArray, " S"]
+    """+1 or -1 for each segment. Shape (S,)."""
+    left: Int64[IntArray, " M"]
     """Sample at which each interval starts. Shape (M,)."""
 
     @property
@@ -134,7 +138,7 @@ def read_scene(scene: Any) -> SceneData:
     return SceneData(areas, None if boundary is None else _areas([boundary], "scene.boundary")[0])
 
 
-def read_path(path: Any, where: str) -> Track:
+def read_path(path: Any, where: str) -> PathData:
     """A path of at least one segment of at least two samples; `where` names it in refusals."""
     segments = _entry(path, "segments", where)
     if not isinstance(segments, (list, tuple)) or not segments:
@@ -143,7 +147,7 @@ def read_path(path: Any, where: str) -> Track:
     counts = [part.shape[1] for _, part in parts]
     inner = np.ones(sum(counts), dtype=bool)
     inner[np.cumsum(counts) - 1] = False
-    return Track(
+    return PathData(
         samples=np.concatenate([part for _, part in parts], axis=1),
         segment=np.repeat(np.arange(len(counts)), counts),
         directions=np.array([direction for direction, _ in parts]),

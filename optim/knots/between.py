@@ -8,8 +8,15 @@ from optim.model.path import Path
 from optim.model.problem import Problem
 from optim.numerics.arrays import Array, frozen
 
+CLEARANCE_TOLERANCE = 1e-6
+"""Clearance that a path may lack and still be given back [m]."""
 _SAFETY = 1e-4  # [m]: clearance asked for beyond what is missing, so that the next measurement finds nothing missing
 _BAND = 0.015  # of the wheelbase: intervals that near to lacking clearance are raised before they lack it
+
+
+def required_at_knots(problem: Problem, knots: Knots, room: float = 0.0) -> Array:
+    """Clearance to ask for at each knot by truck and trailer to begin with, `room` more than required [m]. (K, 2)."""
+    return frozen(np.full((len(knots.phi), 2), problem.required_clearance + room))
 
 
 def missing_at_knots(problem: Problem, knots: Knots, required: Array) -> Array:

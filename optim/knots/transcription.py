@@ -34,6 +34,8 @@ STEP_RANGE = (0.01, 2.0)
 """Least and largest step length, by the distance between knots: short enough to shrink a segment to nothing, not 0."""
 VANISHED = 0.5
 """Length, by the distance between knots, below which a segment has shrunk to nothing."""
+LARGEST_DEFECT = 1e-6
+"""Defect of one interval up to which knots count as drivable [m or rad]; the audit allows 1e-4, and 10 mm in sum."""
 LARGEST_SPACING = 0.1
 """Samples of a path that is given back are at most this far apart [m]."""
 

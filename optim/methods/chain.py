@@ -1,17 +1,18 @@
 """Chain: methods one after the other, each beginning where the one before ended; itself a method.
 
 The requirement stays that of the problem: the ends of the recorded path, and the clearance that the recorded path
-asks for (`Problem.required_clearance`). Only `Problem.start` changes from part to part. Iterates are told as of one
-method, numbered on from part to part.
+asks for (`Problem.required_clearance`). Only `Problem.start` changes from part to part. Iterates are announced as
+those of one method, numbered through all parts.
 """
 
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
+from optim.model.iterates import IterateStream
 from optim.model.method import Method
 from optim.model.objective import objective
-from optim.model.path import Path
 from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
 
@@ -31,12 +32,12 @@ class Chain:
             raise ValueError(f"chain: parts is {[name for name, _ in self.parts]!r}, expected two or more")
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
-        """The path of least J among those that the parts gave; it stops where a part fails."""
-        told, best, reasons, stop = _Told(on_iterate), problem.initial, [], Stop.CONVERGED
+        """Run the parts; the path of least J among theirs. A part that fails is the last one."""
+        iterates, best, reasons, stop = IterateStream(on_iterate), problem.initial, [], Stop.CONVERGED
         for name, method in self.parts:
-            told.begin_part()
-            result = method.solve(problem, told)
-            told.end_part(result.iterations)
+            before = iterates.number
+            result = method.solve(problem, partial(_forward, iterates, before))
+            iterates.advance(before + result.iterations)
             reasons.append(f"{name}: {result.reason} ({result.stop.value})")
             best = min(best, result.path, key=lambda path: objective(path, problem.weights))
             stop = result.stop
@@ -44,44 +45,20 @@ class Chain:
                 break
             if result.path is not problem.initial:  # else the log's nodes are still those of the path
                 problem = dataclasses.replace(problem, start=result.path)
-        told.end_with(best, objective(best, problem.weights))
-        return Result(path=best, stop=stop, reason="; ".join(reasons), iterations=told.iterations)
+        if best is not iterates.latest:  # a later part may have made it worse
+            iterates.emit_path(problem, best)
+        return Result(path=best, stop=stop, reason="; ".join(reasons), iterations=iterates.number)
 
 
-class _Told:
-    """Passes iterates on, numbered over all parts; what a part begins with has been told as the end of the last."""
-
-    def __init__(self, on_iterate: OnIterate) -> None:
-        self._on_iterate = on_iterate
-        self._before = 0  # iterations of the parts that are done
-        self.iterations = 0
-        self._path: Path | None = None  # of the last accepted iterate
-
-    def begin_part(self) -> None:
-        self._before = self.iterations
-
-    def end_part(self, iterations: int) -> None:
-        self.iterations = max(self.iterations, self._before + iterations)
-
-    def __call__(self, iterate: Iterate) -> None:
-        if iterate.iteration == 0 and self._path is not None:
-            return
-        self._tell(dataclasses.replace(iterate, iteration=self._before + iterate.iteration))
-
-    def end_with(self, path: Path, value: float) -> None:
-        """Tell the path of the result unless it is what was accepted last: a later part may have made it worse."""
-        if path is not self._path:
-            self._tell(Iterate(iteration=self.iterations + (self._path is not None), path=path, objective=value))
-
-    def _tell(self, iterate: Iterate) -> None:
-        self.iterations = max(self.iterations, iterate.iteration)
-        if iterate.accepted:
-            self._path = iterate.path
-        self._on_iterate(iterate)
+def _forward(iterates: IterateStream, before: int, iterate: Iterate) -> None:
+    """Pass on the iterate of a part, numbered after those of the parts before; the path it begins with only once."""
+    if iterate.iteration == 0 and iterates.latest is not None:
+        return
+    iterates.forward(dataclasses.replace(iterate, iteration=before + iterate.iteration))
 
 
 def named(name: str, methods: Mapping[str, Method]) -> Method:
-    """The method of that name, or the chain of those whose names it joins. KeyError with a name that is unknown."""
+    """The method of this name, or the chain of the methods whose names it joins. Raises KeyError for unknown names."""
     if name in methods:
         return methods[name]
     parts = tuple((part, methods[part]) for part in name.split(JOINT))

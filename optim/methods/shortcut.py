@@ -17,11 +17,13 @@ import numpy as np
 
 from optim.model.clearance import first_violation
 from optim.model.flat_map import flat_from_state, not_flat
+from optim.model.iterates import IterateStream
 from optim.model.objective import objective
 from optim.model.path import Path, Samples, Segment, merge, segment_from_states
 from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.numerics.arrays import Array
+from optim.numerics.checks import require
 from optim.steering.connect import Connection, Flat, Sampled, connections
 
 _GAIN = 1e-6  # a replacement must save more than this, else rounding is mistaken for progress [m or -]
@@ -52,19 +54,18 @@ class Shortcut:
     """Seed of the random variant [-]."""
 
     def __post_init__(self) -> None:
-        expected = {
-            "variant": ("random or deterministic", self.variant in ("random", "deterministic")),
-            "cost": ("objective or trailer_length", self.cost in ("objective", "trailer_length")),
-            "tries": ("0 or more", self.tries >= 0),
-            "interval": ("more than 0 m", self.interval > 0.0),
-            "min_curvature": ("0 or more", self.min_curvature >= 0.0),
-            "spacing_of_nodes": ("more than 0 m", self.spacing_of_nodes > 0.0),
-            "spacing": ("more than 0 and at most 0.1 m", 0.0 < self.spacing <= 0.1),
-            "seed": ("0 or more", self.seed >= 0),
-        }
-        for name, (words, is_valid) in expected.items():
-            if not is_valid:
-                raise ValueError(f"shortcut: {name} is {getattr(self, name)!r}, expected {words}")
+        require(
+            self,
+            "shortcut",
+            variant=("random or deterministic", self.variant in ("random", "deterministic")),
+            cost=("objective or trailer_length", self.cost in ("objective", "trailer_length")),
+            tries=("0 or more", self.tries >= 0),
+            interval=("more than 0 m", self.interval > 0.0),
+            min_curvature=("0 or more", self.min_curvature >= 0.0),
+            spacing_of_nodes=("more than 0 m", self.spacing_of_nodes > 0.0),
+            spacing=("more than 0 and at most 0.1 m", 0.0 < self.spacing <= 0.1),
+            seed=("0 or more", self.seed >= 0),
+        )
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         """Shorten `problem.initial`; ends, limits and `problem.required_clearance` are kept."""
@@ -76,52 +77,53 @@ class Shortcut:
 
     def _solve_random(self, problem: Problem, on_iterate: OnIterate) -> Result:
         rng = np.random.default_rng(self.seed)
-        track = _Track.of(problem, problem.initial, self.cost)
-        _tell(on_iterate, problem, track, 0)
+        current = _CurrentPath.of(problem, problem.initial, self.cost)
+        iterates = IterateStream.begin(problem, on_iterate)
         accepted = 0
         for trial in range(1, self.tries + 1):
-            first, last = _interval(rng, track, self.interval)
-            if last <= first or track.kappa[first : last + 1].max() < self.min_curvature:
+            first, last = _interval(rng, current, self.interval)
+            if last <= first or current.kappa[first : last + 1].max() < self.min_curvature:
                 continue
-            replaced = _replace(problem, self, track, track.before(first), track.after(last))
+            replaced = _replace(problem, self, current, current.before(first), current.after(last))
             if replaced is not None:
-                track, piece = replaced
+                current, piece = replaced
                 accepted += 1
-                _tell(on_iterate, problem, track, trial, piece.length)
+                _emit(iterates, problem, current.path, trial, piece.length)
         reason = f"{self.tries} intervals tried, {accepted} replaced"
-        return Result(path=track.path, stop=Stop.ITERATION_LIMIT, reason=reason, iterations=self.tries)
+        return Result(path=current.path, stop=Stop.ITERATION_LIMIT, reason=reason, iterations=self.tries)
 
     def _solve_deterministic(self, problem: Problem, on_iterate: OnIterate) -> Result:
-        track = _Track.of(problem, problem.initial, self.cost)
-        _tell(on_iterate, problem, track, 0)
-        nodes = _nodes(problem, track, self.spacing_of_nodes)
+        current = _CurrentPath.of(problem, problem.initial, self.cost)
+        iterates = IterateStream.begin(problem, on_iterate)
+        nodes = _nodes(problem, current, self.spacing_of_nodes)
         num_nodes, tries, accepted = len(nodes) + 1, 0, 0
         start = 0.0  # A; `nodes` are those after it
         while nodes:
             # B runs back from the goal to the node after A, the source's order
             for position in range(len(nodes) - 1, -1, -1):
-                a, b = track.before(track.index_at(start)), track.after(track.index_at(nodes[position]))
+                a, b = current.before(current.index_at(start)), current.after(current.index_at(nodes[position]))
                 tries += 1
-                replaced = _replace(problem, self, track, a, b)
+                replaced = _replace(problem, self, current, a, b)
                 if replaced is not None:
-                    longer = replaced[1].length - (track.samples.s[b.index] - track.samples.s[a.index])
-                    track, piece = replaced
+                    longer = replaced[1].length - (current.samples.s[b.index] - current.samples.s[a.index])
+                    current, piece = replaced
                     nodes = [s + longer for s in nodes[position:]]  # A jumps to B
                     accepted += 1
-                    _tell(on_iterate, problem, track, tries, piece.length)
+                    _emit(iterates, problem, current.path, tries, piece.length)
                     break
             start = nodes.pop(0)
         reason = f"{num_nodes} nodes, {tries} connections tried, {accepted} replaced"
-        return Result(path=track.path, stop=Stop.CONVERGED, reason=reason, iterations=tries)
+        return Result(path=current.path, stop=Stop.CONVERGED, reason=reason, iterations=tries)
 
 
-def _tell(on_iterate: OnIterate, problem: Problem, track: "_Track", iteration: int, step: float = 0.0) -> None:
-    value = objective(track.path, problem.weights)
-    on_iterate(Iterate(iteration=iteration, path=track.path, objective=value, step=step))
+def _emit(iterates: IterateStream, problem: Problem, path: Path, number: int, replaced: float) -> None:
+    """Announce the path after try `number`, which replaced a piece by one of length `replaced` [m]."""
+    value = objective(path, problem.weights)
+    iterates.emit(lambda n: Iterate(iteration=n, path=path, objective=value, step=replaced), number)
 
 
 @dataclass(frozen=True, eq=False)
-class _End:
+class _IntervalEnd:
     """One end of an interval: a sample, and how the path beside the interval drives there."""
 
     index: int
@@ -132,7 +134,7 @@ class _End:
 
 
 @dataclass(frozen=True, eq=False)
-class _Track:
+class _CurrentPath:
     """The current path with what the tries look up: running cost, flat states."""
 
     path: Path
@@ -143,12 +145,12 @@ class _Track:
     changes: Array  # (N,) gear changes up to each sample
 
     @staticmethod
-    def of(problem: Problem, path: Path, cost: str) -> "_Track":
+    def of(problem: Problem, path: Path, cost: str) -> "_CurrentPath":
         samples = path.samples
         flat = flat_from_state(problem.vehicle, samples.states, samples.phi)
         changes = np.concatenate([[0], np.cumsum(np.diff(samples.segment))])
         running = _running_cost(problem, samples, cost)
-        return _Track(path, samples, flat, np.abs(flat[:, 3]), running, changes)
+        return _CurrentPath(path, samples, flat, np.abs(flat[:, 3]), running, changes)
 
     def index_at(self, s: float) -> int:
         """The sample nearest to an arc length."""
@@ -156,24 +158,24 @@ class _Track:
         left = max(right - 1, 0)
         return left if s - self.samples.s[left] < self.samples.s[right] - s else right
 
-    def before(self, index: int) -> _End:
+    def before(self, index: int) -> _IntervalEnd:
         """The start of an interval: at a cusp, the last sample of the segment that ends there."""
         if index > 0 and self.samples.segment[index] != self.samples.segment[index - 1]:
             index -= 1
         return self._end(index, outer=index > 0)
 
-    def after(self, index: int) -> _End:
+    def after(self, index: int) -> _IntervalEnd:
         """The end of an interval: at a cusp, the first sample of the segment that begins there."""
         last = len(self.samples.s) - 1
         if index < last and self.samples.segment[index] != self.samples.segment[index + 1]:
             index += 1
         return self._end(index, outer=index < last)
 
-    def _end(self, index: int, outer: bool) -> _End:
+    def _end(self, index: int, outer: bool) -> _IntervalEnd:
         gear = int(self.samples.direction[index]) if outer else 0
-        return _End(index, self.samples.states[index], self.flat[index], gear, float(self.samples.phi[index]))
+        return _IntervalEnd(index, self.samples.states[index], self.flat[index], gear, float(self.samples.phi[index]))
 
-    def gears(self, start: _End, end: _End) -> tuple[int, ...]:
+    def gears(self, start: _IntervalEnd, end: _IntervalEnd) -> tuple[int, ...]:
         """The gears worth trying: both where the interval has a cusp, else the one that it is driven in."""
         has_cusp = self.changes[end.index] > self.changes[start.index]
         return (1, -1) if has_cusp else (int(self.samples.direction[end.index]),)
@@ -200,44 +202,44 @@ def _steps(problem: Problem, cost: str, s: Array, states: Array, phi: Array) -> 
     return ds * (weights.length + weights.steer * square) + weights.rate * rate
 
 
-def _interval(rng: np.random.Generator, track: _Track, longest: float) -> tuple[int, int]:
+def _interval(rng: np.random.Generator, current: _CurrentPath, longest: float) -> tuple[int, int]:
     """Two samples whose distance along the path is uniform up to `longest`."""
-    total = track.path.length
+    total = current.path.length
     length = rng.uniform(0.0, min(longest, total))
     start = rng.uniform(-0.1 * total, 1.1 * total - length)  # beyond the ends: the path's own ends get their share
-    return track.index_at(max(start, 0.0)), track.index_at(min(start + length, total))
+    return current.index_at(max(start, 0.0)), current.index_at(min(start + length, total))
 
 
-def _nodes(problem: Problem, track: _Track, spacing: float) -> list[float]:
-    """Arc lengths of the parent nodes after the first: the log's where the track is the recorded path.
+def _nodes(problem: Problem, current: _CurrentPath, spacing: float) -> list[float]:
+    """Arc lengths of the parent nodes after the first: the log's where the current path is the recorded one.
 
     Without such nodes, segment ends and equal spacing.
     """
-    total = track.path.length
+    total = current.path.length
     if problem.nodes is not None and problem.start is None:
         nodes = np.append(problem.nodes, total)
     else:
-        ends = np.cumsum([segment.length for segment in track.path.segments])
+        ends = np.cumsum([segment.length for segment in current.path.segments])
         nodes = np.concatenate([np.linspace(0.0, total, max(2, math.ceil(total / spacing) + 1)), ends])
     nodes = np.unique(np.round(nodes, 6))
     return [float(s) for s in nodes if s > 0.5 * problem.initial.segments[0].s[1]]
 
 
 def _replace(
-    problem: Problem, options: Shortcut, track: _Track, start: _End, end: _End
-) -> tuple[_Track, Segment] | None:
+    problem: Problem, options: Shortcut, current: _CurrentPath, start: _IntervalEnd, end: _IntervalEnd
+) -> tuple[_CurrentPath, Segment] | None:
     """The path with the interval replaced by its cheapest connection, and that; None where nothing is saved."""
     if end.index <= start.index:
         return None
-    old = track.cost[end.index] - track.cost[start.index]
-    piece = _steer(problem, options, start, end, track.gears(start, end), old)
+    old = current.cost[end.index] - current.cost[start.index]
+    piece = _steer(problem, options, start, end, current.gears(start, end), old)
     if piece is None:
         return None
-    return _Track.of(problem, _spliced(track, start, end, piece), options.cost), piece
+    return _CurrentPath.of(problem, _spliced(current, start, end, piece), options.cost), piece
 
 
 def _steer(
-    problem: Problem, options: Shortcut, start: _End, end: _End, gears: tuple[int, ...], old: float
+    problem: Problem, options: Shortcut, start: _IntervalEnd, end: _IntervalEnd, gears: tuple[int, ...], old: float
 ) -> Segment | None:
     """The cheapest connection that saves something over `old` and keeps clear, or None."""
     chord = math.hypot(end.flat[0] - start.flat[0], end.flat[1] - start.flat[1])
@@ -261,7 +263,9 @@ def _steer(
     return None
 
 
-def _connections(problem: Problem, start: _End, end: _End, gear: int, budget: float) -> list[Connection]:
+def _connections(
+    problem: Problem, start: _IntervalEnd, end: _IntervalEnd, gear: int, budget: float
+) -> list[Connection]:
     """Connections in one gear, with the steering continuous where the gear beside is the same."""
     a, b = start.flat.copy(), end.flat.copy()
     if start.gear != gear:
@@ -279,7 +283,7 @@ def _longest(problem: Problem, options: Shortcut, budget: float) -> float:
     return budget / problem.weights.length if problem.weights.length > 0 else math.inf
 
 
-def _snapped(piece: Sampled, start: _End, end: _End) -> Sampled:
+def _snapped(piece: Sampled, start: _IntervalEnd, end: _IntervalEnd) -> Sampled:
     """The piece with its end states set to the path's, which it meets up to rounding.
 
     Cusps share a pose exactly; the flat map and back loses the last digit.
@@ -290,7 +294,7 @@ def _snapped(piece: Sampled, start: _End, end: _End) -> Sampled:
     return piece._replace(states=states)
 
 
-def _cusp_cost(problem: Problem, options: Shortcut, start: _End, end: _End, gear: int) -> float:
+def _cusp_cost(problem: Problem, options: Shortcut, start: _IntervalEnd, end: _IntervalEnd, gear: int) -> float:
     """Cost of the gear changes that a connection in this gear makes at its ends."""
     if options.cost == "trailer_length":
         return 0.0
@@ -314,7 +318,9 @@ def _cost(problem: Problem, options: Shortcut, piece: Sampled) -> float:
     return float(_steps(problem, options.cost, *piece).sum())
 
 
-def _jump_cost(problem: Problem, options: Shortcut, start: _End, end: _End, gear: int, piece: Sampled) -> float:
+def _jump_cost(
+    problem: Problem, options: Shortcut, start: _IntervalEnd, end: _IntervalEnd, gear: int, piece: Sampled
+) -> float:
     """Cost of the steering at standstill where a connection changes the gear."""
     if options.cost == "trailer_length":
         return 0.0
@@ -322,12 +328,12 @@ def _jump_cost(problem: Problem, options: Shortcut, start: _End, end: _End, gear
     return problem.weights.jump * sum((outside.phi - phi) ** 2 for outside, phi in ends if outside.gear == -gear)
 
 
-def _spliced(track: _Track, start: _End, end: _End, piece: Segment) -> Path:
+def _spliced(current: _CurrentPath, start: _IntervalEnd, end: _IntervalEnd, piece: Segment) -> Path:
     """The path with the interval replaced; headings behind it follow the piece's, which may differ by full turns."""
-    samples = track.samples
+    samples = current.samples
     turn = 2.0 * math.pi * round((piece.theta[-1] - end.state[2]) / (2.0 * math.pi))
     segments: list[Segment] = []
-    for k, segment in enumerate(track.path.segments):
+    for k, segment in enumerate(current.path.segments):
         inside = np.flatnonzero(samples.segment == k)
         low, high = int(inside[0]), int(inside[-1])
         if low < start.index:

@@ -16,7 +16,7 @@ import numpy as np
 
 from optim.model.kinematics import LARGEST_STEP, roll_out, roll_out_kernel
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
+from optim.numerics.arrays import Array, Float64, Int64, IntArray, frozen, frozen_int
 from optim.numerics.frame import data_frame
 from optim.numerics.kernel import kernel
 
@@ -35,17 +35,17 @@ class Segment:
 
     direction: int
     """+1 forward, -1 reverse."""
-    s: Array
+    s: Float64[Array, " n"]
     """Arc length of the truck's rear axle from the segment's start [m], strictly increasing from 0."""
-    x: Array
+    x: Float64[Array, " n"]
     """Rear axle [m]."""
-    y: Array
+    y: Float64[Array, " n"]
     """Rear axle [m]."""
-    theta: Array
+    theta: Float64[Array, " n"]
     """Truck heading [rad], unwrapped."""
-    alpha: Array
+    alpha: Float64[Array, " n"]
     """Hitch angle, trailer heading minus truck heading [rad]."""
-    phi: Array
+    phi: Float64[Array, " n"]
     """Steering angle [rad]."""
 
     def __post_init__(self) -> None:
@@ -65,6 +65,10 @@ class Segment:
     def states(self) -> Array:
         """Columns x, y, theta, alpha. Shape (n, 4)."""
         return frozen(np.stack([self.x, self.y, self.theta, self.alpha], axis=1))
+
+    def __repr__(self) -> str:
+        gear = "forward" if self.direction > 0 else "reverse"
+        return f"Segment({gear}, {self.length:.2f} m, samples: {self.num_samples})"
 
     @property
     def num_samples(self) -> int:
@@ -86,11 +90,16 @@ class Segment:
 class Samples(NamedTuple):
     """All samples of a path in a row; a cusp appears twice, once for each segment. N samples."""
 
-    s: Array  # (N,) arc length from the start of the path [m]
-    states: Array  # (N, 4)
-    phi: Array  # (N,) [rad]
-    direction: IntArray  # (N,)
-    segment: IntArray  # (N,) index of the segment
+    s: Float64[Array, " N"]
+    """Arc length from the start of the path [m]. Shape (N,)."""
+    states: Float64[Array, "N 4"]
+    """Columns x, y, theta, alpha. Shape (N, 4)."""
+    phi: Float64[Array, " N"]
+    """Steering angle [rad]. Shape (N,)."""
+    direction: Int64[IntArray, " N"]
+    """+1 forward, -1 reverse. Shape (N,)."""
+    segment: Int64[IntArray, " N"]
+    """Index of the segment. Shape (N,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +128,7 @@ class Path:
 
     @cached_property
     def samples(self) -> Samples:
-        """Those of all segments in a row."""
+        """The samples of all segments in a row."""
         lengths = [segment.length for segment in self.segments]
         starts = np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
         counts = [segment.num_samples for segment in self.segments]
@@ -156,6 +165,41 @@ class Path:
     def goal(self) -> Array:
         """Last state. Shape (4,)."""
         return self.segments[-1].states[-1]
+
+    @property
+    def segment(self) -> IntArray:
+        """Index of the segment of each sample. Shape (N,)."""
+        return self.samples.segment
+
+    @property
+    def s(self) -> Array:
+        """Arc length of each sample from the start of the path [m]; at a gear change twice the same. Shape (N,)."""
+        return self.samples.s
+
+    @property
+    def x(self) -> Array:
+        """Rear axle at each sample [m]. Shape (N,)."""
+        return self.samples.states[:, 0]
+
+    @property
+    def y(self) -> Array:
+        """Rear axle at each sample [m]. Shape (N,)."""
+        return self.samples.states[:, 1]
+
+    @property
+    def theta(self) -> Array:
+        """Truck heading at each sample [rad]. Shape (N,)."""
+        return self.samples.states[:, 2]
+
+    @property
+    def alpha(self) -> Array:
+        """Hitch angle at each sample [rad]. Shape (N,)."""
+        return self.samples.states[:, 3]
+
+    @property
+    def phi(self) -> Array:
+        """Steering angle at each sample [rad]. Shape (N,)."""
+        return self.samples.phi
 
 
 def segment_from_states(direction: int, s: Array, states: Array, phi: Array) -> Segment:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 
 from optim.model.path import Path
-from optim.numerics.arrays import Array, BoolArray
+from optim.numerics.arrays import Array, Bool, BoolArray, Float64
 
 
 class Stop(enum.Enum):
@@ -25,11 +25,11 @@ class Stop(enum.Enum):
 class Picture:
     """What a method works on besides the path, for drawing."""
 
-    points: Array
+    points: Float64[Array, "N 2"]
     """Points that it moves [m]. Shape (N, 2)."""
-    anchored: BoolArray
+    anchored: Bool[BoolArray, " N"]
     """Which of them it held in place. Shape (N,)."""
-    cost_map: Array
+    cost_map: Float64[Array, "rows columns"]
     """What it costs a point to be at a node of the grid [-]. Shape (rows, columns)."""
     origin: tuple[float, float]
     """The node cost_map[0, 0] [m]."""

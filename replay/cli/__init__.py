@@ -1,4 +1,4 @@
-"""The command line: `replay optimize | info | vehicle | methods | compare | audit | regress | report | view`.
+"""The command line: `replay optimize | info | vehicle | methods | compare | audit | regress | report`.
 
 This module stays light: a command's module, and with it numpy, numba and Rerun, is imported when the command is
 called, so that `replay --help` answers at once. Each command is a thin shell over library functions.
@@ -25,7 +25,6 @@ COMMANDS = {
     "audit": "Repeat the independent check of results files, from these files alone.",
     "regress": "Run every log of a corpus with every method, compare with a baseline, write reports.",
     "report": "Make the reports of a regression run again from its files.",
-    "view": "Serve the recordings of a run as one Rerun dataset, on this machine alone.",
 }
 """The commands and their line in the help; each is the function of its own name in `replay.cli.<name>`."""
 

@@ -11,7 +11,7 @@ from replay.base.schemas.run import Commands
 from replay.base.schemas.timing import TimeRatio, TimingDocument
 from replay.base.schemas.verdicts import Comparison
 from replay.cli.console import Voice
-from replay.cli.invoked import to_paste
+from replay.cli.invoked import recordings_to_paste, to_paste
 from replay.regress.folder import RunFolder
 from replay.regress.plan import Plan
 from replay.regress.timing import ALARM, LEAST_PAIRS
@@ -49,7 +49,7 @@ def show_advice(voice: Voice, plan: Plan, folder: RunFolder, found: Conclusion) 
 
 def commands(plan: Plan, folder: RunFolder) -> Commands:
     """Command lines that the reports of a run give to paste."""
-    return Commands(accept=_accept(plan, folder), view=to_paste("view", str(folder.path)))
+    return Commands(accept=_accept(plan, folder), view=recordings_to_paste(folder.path / "recordings"))
 
 
 def _accept(plan: Plan, folder: RunFolder) -> str:

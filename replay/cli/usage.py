@@ -54,7 +54,6 @@ _EXAMPLES = {
     "vehicle": "vehicle > truck.toml",
     "audit": "audit out/bay_01.results.json",
     "report": "report runs/RUN",
-    "view": "view runs/RUN",
     "regress": "regress recordings",
     "regress accept": "regress accept runs/RUN",
     "compare": "compare before/bay_01.results.json after/bay_01.results.json",

@@ -2,8 +2,8 @@
 
 For each method two topics with one `nav_msgs/msg/Path` for each request, `/replay/<method>/path` of the truck's rear
 axle and `/replay/<method>/trailer_path` of the trailer's axle, in the frame and at the log time of the recorded path.
-A method that kept the recorded path has that one; a method that failed has none. The metadata record `replay` says
-what became of each.
+A method that kept the recorded path has that one; a method that failed has none. The metadata record `replay` holds
+the status of each method.
 """
 
 import json
@@ -59,7 +59,7 @@ def write_export(runs: Sequence[Run], path: str | os.PathLike[str]) -> None:
 
 
 def topic_names(methods: Sequence[str]) -> dict[str, str]:
-    """Where the paths of each method are; names that ROS allows, so that A+B becomes A_B."""
+    """Topic prefix of each method's paths, as ROS names allow: A+B becomes A_B."""
     names: dict[str, str] = {}
     for method in methods:
         name = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", method)).strip("_") or "method"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optim.model.problem import Problem
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64, Int8
 from replay.base.numbers import count
 
 HitchSource = Literal["trailer path", "joint", "transform", "reconstructed"]
@@ -19,7 +19,7 @@ HitchSource = Literal["trailer path", "joint", "transform", "reconstructed"]
 class MapImage:
     """An occupancy grid as it was recorded, for drawing."""
 
-    cells: NDArray[np.int8]
+    cells: Int8[NDArray[np.int8], "H W"]
     """Shape (H, W), read-only: -1 unknown, 0 free ... 100 occupied. Row 0 is the bottom row."""
     resolution: float
     """Side of a cell [m]."""
@@ -68,7 +68,7 @@ class Case:
     """Coordinate frame of the map and of every path."""
     time_ns: int = 0
     """When the path was logged [ns]."""
-    logged: Array | None = None
+    logged: Float64[Array, "n 3"] | None = None
     """Poses as the log holds them, noise and all: x, y [m], heading [rad] of the truck's rear axle, in `frame`; for
     drawing. Shape (n, 3), read-only. None where a case comes from a results file."""
     reading: Mapping[str, Any] | None = None

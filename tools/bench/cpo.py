@@ -2,7 +2,7 @@
 
 `python tools/bench/cpo.py [recordings/*.mcap]` takes the longest segment of each log, lays 300 points along it
 (`--points`) and lowers the same cost from the same start: by BFGS and L-BFGS in the metric of the sum of squares
-(`optim.methods.cpo.descent`), and by scipy's BFGS and L-BFGS-B in plain coordinates. All are run to rest: ours to a
+(`optim.methods.cpo.bfgs`), and by scipy's BFGS and L-BFGS-B in plain coordinates. All are run to rest: ours to a
 promised decrease of 1e-10 of the cost, scipy's to its own tolerances, at most 3000 iterations. CPU seconds, one run
 each after a warm-up. Then J of every log by the whole method, beside the shortcut's.
 """
@@ -15,9 +15,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import minimize
 
-from optim.methods.cpo.descent import descend
+from optim.methods.cpo.bfgs import minimise_bfgs
 from optim.methods.cpo.method import Cpo
-from optim.methods.cpo.points import Row, Track, spread
+from optim.methods.cpo.points import AxlePoints, RecordedAxle, spread
 from optim.methods.cpo.terms import Terms
 from optim.methods.shortcut import Shortcut
 from optim.model.objective import objective
@@ -32,26 +32,26 @@ MOST_ITERATIONS = 3000
 Solved = tuple[float, int]  # cost, iterations
 
 
-def start(problem: Problem, num_points: int) -> tuple[Terms, Row]:
+def start(problem: Problem, num_points: int) -> tuple[Terms, AxlePoints]:
     """The cost, and the points of the longest segment as recorded."""
     segment = max(problem.recorded.segments, key=lambda one: one.trailer_length)
-    track = Track.of(problem.vehicle, segment)
-    row = spread(track, track.flat[:, :2], track.share, track.length / (num_points - 1), np.empty((0, 2)))
+    axle = RecordedAxle.of(problem.vehicle, segment)
+    row = spread(axle, axle.flat[:, :2], axle.share, axle.length / (num_points - 1), np.empty((0, 2)))
     return Cpo().terms(problem, row.spacing), row
 
 
-def in_metric(terms: Terms, row: Row, memory: int) -> Solved:
+def in_metric(terms: Terms, row: AxlePoints, memory: int) -> Solved:
     """By our BFGS (L-BFGS where `memory` is small), in the metric of the sum of squares."""
     free = ~row.anchored
     limits = {"max_iterations": MOST_ITERATIONS, "tolerance": 1e-10, "max_step": 0.5}
-    done = descend(terms.evaluate, row.points, free, memory=memory, **limits)
+    done = minimise_bfgs(terms.evaluate, row.xy, free, memory=memory, **limits)
     return done.value, done.iterations
 
 
-def plain(terms: Terms, row: Row, name: str) -> Solved:
+def plain(terms: Terms, row: AxlePoints, name: str) -> Solved:
     """By scipy's method of this name, in plain coordinates."""
     free = ~row.anchored
-    points = row.points.copy()
+    points = row.xy.copy()
 
     def cost(unknowns: Array) -> tuple[float, Array]:
         points[free] = unknowns.reshape(-1, 2)
@@ -59,11 +59,11 @@ def plain(terms: Terms, row: Row, name: str) -> Solved:
         return value, slope[free].ravel()
 
     most = {"maxiter": MOST_ITERATIONS, "maxfun": 10**6} if name == "L-BFGS-B" else {"maxiter": MOST_ITERATIONS}
-    done = minimize(cost, row.points[free].ravel(), jac=True, method=name, options=most)
+    done = minimize(cost, row.xy[free].ravel(), jac=True, method=name, options=most)
     return float(done.fun), int(done.nit)
 
 
-MINIMISERS: dict[str, Callable[[Terms, Row], Solved]] = {
+MINIMISERS: dict[str, Callable[[Terms, AxlePoints], Solved]] = {
     "BFGS, in the metric": lambda terms, row: in_metric(terms, row, MOST_ITERATIONS),
     "L-BFGS, in the metric": lambda terms, row: in_metric(terms, row, 20),
     "scipy BFGS": lambda terms, row: plain(terms, row, "BFGS"),
@@ -86,7 +86,7 @@ def main() -> None:
     print("|---|--:|" + "--:|" * len(MINIMISERS))
     for index, (name, problem) in enumerate(problems.items()):
         terms, row = start(problem, arguments.points)
-        cells = [f"{terms.evaluate(row.points)[0]:.4f}"]
+        cells = [f"{terms.evaluate(row.xy)[0]:.4f}"]
         for label, minimiser in MINIMISERS.items():
             if "scipy" in label and index >= arguments.slow:
                 cells.append("")

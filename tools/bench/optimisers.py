@@ -16,8 +16,8 @@ import numpy as np
 
 from optim.methods import METHODS as KNOWN
 from optim.methods.chain import named
-from optim.methods.scp import loop
-from optim.methods.scp.subproblem import Step
+from optim.methods.scp import method as scp
+from optim.methods.scp.subproblem import SubproblemSolution
 from optim.model.method import Method
 from optim.model.objective import objective
 from optim.model.problem import Problem
@@ -95,7 +95,7 @@ def _sub_problems(problem: Problem) -> str:
     solver: Any = clarabel  # compiled: type checkers cannot see into it
     clock = {"solver": 0.0, "sub-problem": 0.0}
     count = 0
-    real, solve = solver.DefaultSolver, loop.solve_subproblem
+    real, solve = solver.DefaultSolver, scp.solve_subproblem
 
     class Timed:
         def __init__(self, *args: Any) -> None:
@@ -109,7 +109,7 @@ def _sub_problems(problem: Problem) -> str:
             clock["solver"] += time.perf_counter() - started
             return solution
 
-    def timed(*args: Any) -> Step:
+    def timed(*args: Any) -> SubproblemSolution:
         nonlocal count
         started = time.perf_counter()
         step = solve(*args)
@@ -117,7 +117,7 @@ def _sub_problems(problem: Problem) -> str:
         count += 1
         return step
 
-    with patch.object(solver, "DefaultSolver", Timed), patch.object(loop, "solve_subproblem", timed):
+    with patch.object(solver, "DefaultSolver", Timed), patch.object(scp, "solve_subproblem", timed):
         started = time.perf_counter()
         KNOWN["scp"].solve(problem)
         whole = time.perf_counter() - started

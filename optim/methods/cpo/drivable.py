@@ -64,7 +64,7 @@ def steering(vehicle: Vehicle, kappa: NDArray, sigma: NDArray, curl: NDArray) ->
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class _StretchFit:
     """What is fitted, and the sums of squares of a guess: coefficients c (m,) and length [m]."""
 
     vehicle: Vehicle
@@ -140,16 +140,16 @@ def fit_points(vehicle: Vehicle, points: Array, start: Array, end: Array) -> tup
     start, end: (5,) x, y, heading, kappa, sigma; the headings' difference is the whole turn, unwrapped. Where limits
     and points cannot agree, the curve is the last one that came nearer to both.
     """
-    task, c, length = _first_guess(vehicle, points, start, end)
+    fit, c, length = _first_guess(vehicle, points, start, end)
     damping = _LEAST_DAMPING
     for iteration in range(_MOST_STEPS):
         # limits come in by and by: at full weight, steps from an unsmoothed start do not come back
         hardness = iteration - _SMOOTHING
         limit = max(_LIMIT, _SOFT * _HARDENING**hardness) if hardness >= 0 else math.inf
-        step, promised, price = _step(task, c, length, limit, damping)
-        before = _merit(task, c, length, limit, price)
+        step, promised, price = _step(fit, c, length, limit, damping)
+        before = _merit(fit, c, length, limit, price)
         share = min(1.0, 0.2 * length / max(abs(step[-1]), 1e-12))
-        while _merit(task, c + share * step[:-1], length + share * step[-1], limit, price) > before - share * promised:
+        while _merit(fit, c + share * step[:-1], length + share * step[-1], limit, price) > before - share * promised:
             share *= 0.5
             if share < _SMALLEST_SHARE:
                 break
@@ -162,12 +162,12 @@ def fit_points(vehicle: Vehicle, points: Array, start: Array, end: Array) -> tup
             break
         else:  # other limits come in before the step has done anything: turn it towards the slope
             damping = max(1e-6, 100.0 * damping)
-    position = positions(start, length * (task.basis.turn_nodes @ c), length)
-    return c, length, float(np.hypot(*(position - task.target).T).max())
+    position = positions(start, length * (fit.basis.turn_nodes @ c), length)
+    return c, length, float(np.hypot(*(position - fit.target).T).max())
 
 
-def _first_guess(vehicle: Vehicle, points: Array, start: Array, end: Array) -> tuple[_Task, Array, float]:
-    """The task, and the coefficients and the length of the curve that the points themselves make."""
+def _first_guess(vehicle: Vehicle, points: Array, start: Array, end: Array) -> tuple[_StretchFit, Array, float]:
+    """The fit, and the coefficients and the length of the curve that the points themselves make."""
     from scipy.interpolate import CubicSpline  # takes a quarter of a second to load
 
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
@@ -179,13 +179,13 @@ def _first_guess(vehicle: Vehicle, points: Array, start: Array, end: Array) -> t
     kappa = np.gradient(np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0])), share) / length
     c = np.linalg.lstsq(bases.ends, kappa, rcond=None)[0]
     c[0], c[-1] = start[3], end[3]
-    return _Task(vehicle, bases, through(share), start, end), c, length
+    return _StretchFit(vehicle, bases, through(share), start, end), c, length
 
 
-def _step(task: _Task, c: Array, length: float, limit: float, damping: float) -> tuple[Array, float, float]:
+def _step(fit: _StretchFit, c: Array, length: float, limit: float, damping: float) -> tuple[Array, float, float]:
     """One Gauss-Newton step of (c, length), shape (m + 1,), what it is to lower the merit by, and the gap's price."""
-    misfit, gap = task.misfit(c, length, limit)
-    rows, closing = task.jacobian(c, length, limit)
+    misfit, gap = fit.misfit(c, length, limit)
+    rows, closing = fit.jacobian(c, length, limit)
     free = np.r_[1 : len(c) - 1, len(c)]  # the curvature at both ends is given
     rows, closing = rows[:, free], closing[:, free]
     size = len(free)
@@ -202,11 +202,11 @@ def _step(task: _Task, c: Array, length: float, limit: float, damping: float) ->
     return step, _DECREASE * promised, price
 
 
-def _merit(task: _Task, c: Array, length: float, limit: float, price: float) -> float:
+def _merit(fit: _StretchFit, c: Array, length: float, limit: float, price: float) -> float:
     """Half the sum of squares and the gap at its price: what a step must lower."""
     if not length > 0.0:
         return math.inf
-    misfit, gap = task.misfit(c, length, limit)
+    misfit, gap = fit.misfit(c, length, limit)
     return 0.5 * float(misfit @ misfit) + price * float(np.abs(gap).sum())
 
 

@@ -8,32 +8,45 @@ recorded and the others moved again, in rounds.
 Differences from the source, each because its own version leaves a gap: obstacles act on discs that contain truck and
 trailer (`optim.methods.cpo.discs`), not on a point without orientation (`obstacles="points"` is the source's); value
 and gradient come from one interpolated distance field; turns are signed; the minimiser knows the scale of the terms
-(`optim.methods.cpo.descent`); and the points become a path by a fit of continuous sharpness that keeps the limits
+(`optim.methods.cpo.bfgs`); and the points become a path by a fit of continuous sharpness that keeps the limits
 (`optim.methods.cpo.drivable`). A segment whose stretch fails a check after the last round, or does not lower J, stays
 as it was recorded, and the reason says which and why.
+
+A round moves the points from the recorded path (or what is anchored of it) to the least F. In between they are laid
+out evenly again: a detour that has gone leaves them crowded. Then the stretch beside them is checked
+(`optim.methods.cpo.trial`). Points where it fails are anchored where they were recorded, more of them around with
+every round, and the next round moves the others.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from optim.geometry.field import DistanceField
+from optim.methods.cpo.assembly import Assembly
+from optim.methods.cpo.bfgs import BfgsSolution, minimise_bfgs
 from optim.methods.cpo.discs import axle_point, covering_discs
-from optim.methods.cpo.points import Row, Track, spread
-from optim.methods.cpo.rounds import TOLERATED, Settings, Trial, checks, improve
+from optim.methods.cpo.drivable import drivable_stretch
+from optim.methods.cpo.points import AxlePoints, RecordedAxle, spread
 from optim.methods.cpo.terms import Terms
+from optim.methods.cpo.trial import TOLERATED, SegmentTrial, limit_checks
 from optim.model.clearance import distance_field
 from optim.model.flat_map import not_flat
-from optim.model.objective import objective
-from optim.model.path import Path, Segment
+from optim.model.path import Segment, segment_from_states
 from optim.model.problem import Problem
-from optim.model.result import Iterate, OnIterate, Picture, Result, Stop, ignore
-from optim.numerics.arrays import frozen
+from optim.model.result import OnIterate, Picture, Result, Stop, ignore
+from optim.numerics.arrays import Array, frozen
+from optim.numerics.checks import require
 
 _DEAREST = 1000.0  # of a cell, equation (18)
-_LEAST_GAIN = 1e-6  # of J, relative: less is rounding
+_LBFGS_MEMORY = 20  # pairs of steps and gradients
+_SPREAD = 1e-3  # relative change of length from which on laying the points out again is worth another descent
+_KEEP_AWAY, _FARTHER = 3.0, 0.05  # factor of w_o and addition to d_max [m] per round, where nothing can be anchored
+_CLOSED = 1e-7  # a fit that misses its end by more [m or rad] has not converged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,35 +106,33 @@ class Cpo:
 
     def __post_init__(self) -> None:
         positive = ("d_max", "excess", "resolution", "map_d_max", "map_resolution", "spacing", "max_step")
-        expected = {
-            "obstacles": ("discs or points", self.obstacles in ("discs", "points")),
-            "minimiser": ("bfgs or lbfgs", self.minimiser in ("bfgs", "lbfgs")),
-            "sample_spacing": ("more than 0 and at most 0.1 m", 0.0 < self.sample_spacing <= 0.1),
-            "tolerance": ("more than 0 and less than 1", 0.0 < self.tolerance < 1.0),
-            "weight_smoothness": ("a number above 0", 0.0 < self.weight_smoothness < math.inf),
+        require(
+            self,
+            "cpo",
+            obstacles=("discs or points", self.obstacles in ("discs", "points")),
+            minimiser=("bfgs or lbfgs", self.minimiser in ("bfgs", "lbfgs")),
+            sample_spacing=("more than 0 and at most 0.1 m", 0.0 < self.sample_spacing <= 0.1),
+            tolerance=("more than 0 and less than 1", 0.0 < self.tolerance < 1.0),
+            weight_smoothness=("a number above 0", 0.0 < self.weight_smoothness < math.inf),
             **{name: ("1 or more", getattr(self, name) >= 1) for name in ("max_iterations", "sweeps", "rounds")},
             **{name: ("a length above 0 m", 0.0 < getattr(self, name) < math.inf) for name in positive},
             **{
                 name: ("a number of 0 or more", 0.0 <= getattr(self, name) < math.inf)
                 for name in ("weight_obstacle", "weight_curvature", "weight_change")
             },
-        }
-        for name, (words, is_valid) in expected.items():
-            if not is_valid:
-                raise ValueError(f"cpo: {name} is {getattr(self, name)!r}, expected {words}")
+        )
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         """Improve the path segment by segment; ends, gear changes and `problem.required_clearance` are kept."""
         if sentence := not_flat(problem.vehicle):
             return Result(path=problem.initial, stop=Stop.FAILED, reason=sentence, iterations=0)
-        settings = self.settings(problem)
-        progress = _Progress(problem, on_iterate)
-        rows: list[Row] = []
+        terms, assembly = self.terms(problem, self.spacing), Assembly(problem, on_iterate)
+        shown: list[AxlePoints] = []
         for index, segment in enumerate(problem.initial.segments):
-            trial = improve(settings, segment, lambda failed, index=index: progress.turn_down(index, failed))
-            is_taken = progress.judge(index, trial)
-            rows.append(trial.row if is_taken else _recorded_row(settings, segment))
-        return progress.result(_picture(settings.terms, rows))
+            trial = self.improve_segment(problem, terms, segment, partial(assembly.reject, index))
+            is_taken = assembly.judge(index, trial)
+            shown.append(trial.points if is_taken else self._recorded_points(problem, segment))
+        return assembly.result(_picture(terms, shown))
 
     def terms(self, problem: Problem, spacing: float) -> Terms:
         """The cost of points that are `spacing` [m] apart."""
@@ -138,112 +149,85 @@ class Cpo:
             spacing=spacing,
         )
 
-    def settings(self, problem: Problem) -> Settings:
-        """What the rounds of each segment need."""
-        return Settings(
-            problem=problem,
-            terms=self.terms(problem, self.spacing),
-            spacing=self.spacing,
-            rounds=self.rounds,
-            sweeps=self.sweeps,
-            memory=self.max_iterations if self.minimiser == "bfgs" else 20,
+    def improve_segment(
+        self, problem: Problem, terms: Terms, segment: Segment, on_rejected: Callable[[SegmentTrial], None]
+    ) -> SegmentTrial:
+        """The first sound trial of the rounds, or the last one; `on_rejected` gets those before it."""
+        axle = RecordedAxle.of(problem.vehicle, segment)
+        can_anchor = all(check.residual <= TOLERATED for check in limit_checks(problem, segment))
+        anchors, iterations, number = np.empty((0, 2)), 0, 0
+        while True:
+            number += 1
+            trial = self._round(problem, terms, segment, axle, anchors)._replace(round=number)
+            iterations += trial.iterations
+            is_last = trial.stretch is None or trial.points.anchored.all() or number == self.rounds
+            if trial.is_sound or is_last:
+                return trial._replace(iterations=iterations)
+            on_rejected(trial)
+            if can_anchor:
+                anchors = np.concatenate([anchors, _failing(axle, trial, number * self.spacing / axle.length)])
+            else:  # the recorded stretch is not sound itself; keep farther away instead
+                terms = replace(terms, obstacle=_KEEP_AWAY * terms.obstacle, d_max=terms.d_max + _FARTHER)
+
+    def _round(
+        self, problem: Problem, terms: Terms, segment: Segment, axle: RecordedAxle, anchors: Array
+    ) -> SegmentTrial:
+        """Move the points, fit a drivable stretch beside them, check it."""
+        iterations = 0
+        points = spread(axle, axle.flat[:, :2], axle.share, self.spacing, anchors)
+        for _ in range(self.sweeps):
+            length = points.length
+            moved = self._moved(terms, points)
+            iterations += moved.iterations
+            points = spread(axle, moved.points[1:-1], points.share[1:-1], self.spacing, anchors)
+            if abs(points.length - length) <= _SPREAD * length:
+                break
+        step = float(np.hypot(*(points.xy - axle.at(points.share)).T)[1:-1].max())
+        ends = (axle.flat[0], axle.flat[-1])
+        stretch = drivable_stretch(problem.vehicle, axle.direction, points.on_path, *ends, self.sample_spacing)
+        if stretch is None or stretch.gap > _CLOSED:
+            return SegmentTrial(points, None, (), 0, iterations, step)
+        # the flat map and back loses the last digit; cusps share a pose exactly
+        states = stretch.segment.states.copy()
+        states[0], states[-1] = segment.states[0], segment.states[-1]
+        exact = segment_from_states(segment.direction, stretch.segment.s, states, stretch.segment.phi)
+        found = limit_checks(problem, exact)
+        return SegmentTrial(points, replace(stretch, segment=exact), found, 0, iterations, step)
+
+    def _moved(self, terms: Terms, points: AxlePoints) -> BfgsSolution:
+        """The points at the least F."""
+        return minimise_bfgs(
+            replace(terms, spacing=points.spacing).evaluate,
+            points.xy,
+            ~points.anchored,
+            memory=self.max_iterations if self.minimiser == "bfgs" else _LBFGS_MEMORY,
             max_iterations=self.max_iterations,
             tolerance=self.tolerance,
             max_step=self.max_step,
-            sample_spacing=self.sample_spacing,
         )
 
+    def _recorded_points(self, problem: Problem, segment: Segment) -> AxlePoints:
+        """The points of a segment that stays: all of them anchored."""
+        axle = RecordedAxle.of(problem.vehicle, segment)
+        everywhere = np.array([[0.0, 1.0]])
+        return spread(axle, axle.flat[:, :2], axle.share, self.spacing, everywhere)
 
-class _Progress:
-    """The path so far, what is told of it, and what is said of it in the end."""
 
-    def __init__(self, problem: Problem, on_iterate: OnIterate) -> None:
-        self.problem = problem
-        self.on_iterate = on_iterate
-        self.path = problem.initial
-        self.value = objective(self.path, problem.weights)
-        self.number, self.steps, self.deviation = 0, 0, 0.0
-        self.kept: list[tuple[int, str, bool]] = []  # segment, why it stays as recorded, whether it failed a check
-        self._told = self.path
-        on_iterate(Iterate(iteration=0, path=self.path, objective=self.value))
-
-    def turn_down(self, index: int, trial: Trial) -> None:
-        """Tell of a trial that is not taken."""
-        if trial.stretch is not None:
-            path = self._with(index, trial.stretch.segment)
-            self._tell(trial, path, objective(path, self.problem.weights), is_accepted=False)
-
-    def judge(self, index: int, trial: Trial) -> bool:
-        """Take the segment's last trial if it is sound and lowers J; else note why it stays as it was."""
-        self.steps += trial.iterations
-        if trial.stretch is None:
-            self.kept.append((index, "no drivable curve was found beside its points", True))
-        elif not trial.is_sound:
-            failed = [str(check) for check in trial.checks if not check.is_kept]
-            self.kept.append((index, f"{', '.join(failed)} after round {trial.round}", True))
-        else:
-            path = self._with(index, trial.stretch.segment)
-            value = objective(path, self.problem.weights)
-            if value < self.value * (1.0 - _LEAST_GAIN):
-                self.path, self.value = path, value
-                self.deviation = max(self.deviation, trial.stretch.deviation)
-                self._tell(trial, path, value, is_accepted=True)
-                return True
-            more = value - self.value
-            why = f"J would rise by {more:.2g}" if more > _LEAST_GAIN * self.value else "there is nothing to gain"
-            self.kept.append((index, why, False))
-            self.turn_down(index, trial)
-        return False
-
-    def result(self, picture: Picture) -> Result:
-        """What came of it; the path that was given where a stretch that stays is itself unsound."""
-        unsound = [
-            f"{self._name(index)}: {check}"
-            for index, _, _ in self.kept
-            for check in checks(self.problem, self.path.segments[index])
-            if check.residual > TOLERATED
-        ]
-        improved = len(self.path.segments) - len(self.kept)
-        reason, stop = self._reason(improved), Stop.CONVERGED
-        if unsound:
-            self.path = self.problem.initial
-            reason = f"What stays as recorded is not sound ({'; '.join(unsound)}); {reason}"
-            stop = Stop.INFEASIBLE
-        elif any(failed for _, _, failed in self.kept):
-            stop = Stop.STALLED
-        if self._told is not self.path:
-            value = objective(self.path, self.problem.weights)
-            self.on_iterate(Iterate(iteration=self.number + 1, path=self.path, objective=value))
-        return Result(path=self.path, stop=stop, reason=reason, iterations=self.steps, picture=picture)
-
-    def _reason(self, improved: int) -> str:
-        parts = [f"{improved} of {len(self.path.segments)} segments improved"]
-        if improved:
-            parts.append(f"the path is within {self.deviation:.3f} m of the points")
-        parts += [f"{self._name(index)} stays as recorded: {why}" for index, why, _ in self.kept]
-        return "; ".join(parts)
-
-    def _name(self, index: int) -> str:
-        gear = "forward" if self.path.segments[index].direction > 0 else "reverse"
-        return f"segment {index + 1} ({gear})"
-
-    def _with(self, index: int, segment: Segment) -> Path:
-        return Path((*self.path.segments[:index], segment, *self.path.segments[index + 1 :]))
-
-    def _tell(self, trial: Trial, path: Path, value: float, is_accepted: bool) -> None:
-        self.number += 1
-        self._told = path
-        self.on_iterate(
-            Iterate(
-                iteration=self.number,
-                path=path,
-                objective=value,
-                violation=max(0.0, *(check.residual - 1.0 for check in trial.checks)),
-                step=trial.step,
-                residuals={check.name: check.residual for check in trial.checks},
-                accepted=is_accepted,
-            )
-        )
+def _failing(axle: RecordedAxle, trial: SegmentTrial, widening: float) -> Array:
+    """Where the trial fails, as intervals of shares, widened at both ends. Shape (k, 2)."""
+    assert trial.stretch is not None
+    fails = np.any([check.fails for check in trial.checks], axis=0)
+    segment = trial.stretch.segment
+    cos = np.cos(segment.alpha)
+    along = np.concatenate([[0.0], np.cumsum(np.diff(segment.s) * (cos[1:] + cos[:-1]) / 2.0)])
+    if axle.direction < 0:
+        fails, along = fails[::-1], along[-1] - along[::-1]
+    points = trial.points.on_path
+    distance = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    share = np.interp(along / along[-1], distance / distance[-1], trial.points.share[1:-1])
+    edges = np.diff(np.concatenate([[0], fails.astype(int), [0]]))
+    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return np.stack([share[first] - widening, share[last] + widening], axis=1)
 
 
 def _field(problem: Problem, resolution: float) -> DistanceField:
@@ -254,19 +238,12 @@ def _field(problem: Problem, resolution: float) -> DistanceField:
     return distance_field(problem.scene, resolution, (low[0], low[1], high[0], high[1]))
 
 
-def _recorded_row(settings: Settings, segment: Segment) -> Row:
-    """The points of a segment that stays: all of them anchored."""
-    track = Track.of(settings.problem.vehicle, segment)
-    everywhere = np.array([[0.0, 1.0]])
-    return spread(track, track.flat[:, :2], track.share, settings.spacing, everywhere)
-
-
-def _picture(terms: Terms, rows: list[Row]) -> Picture:
+def _picture(terms: Terms, shown: list[AxlePoints]) -> Picture:
     """The points where they ended, and the map of costs: of a cell as in equation (18)."""
     field = terms.field
     return Picture(
-        points=frozen(np.concatenate([row.on_path for row in rows])),
-        anchored=np.concatenate([row.anchored[1:-1] for row in rows]),
+        points=frozen(np.concatenate([points.on_path for points in shown])),
+        anchored=np.concatenate([points.anchored[1:-1] for points in shown]),
         cost_map=frozen(_DEAREST * np.clip(1.0 - field.values / terms.d_max, 0.0, 1.0)),
         origin=field.origin,
         resolution=field.resolution,

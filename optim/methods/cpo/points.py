@@ -12,31 +12,31 @@ import numpy as np
 from optim.model.flat_map import flat_from_state
 from optim.model.path import Segment
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, BoolArray
+from optim.numerics.arrays import Array, Bool, BoolArray, Float64
 
 ENDS = 2
 """Samples anchored at each end of a segment (the source's number)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
-    """The recorded trailer axle of one segment, in the order of its heading."""
+class RecordedAxle:
+    """The trailer's axle on one recorded segment, in the order of its heading."""
 
     direction: int
     """+1 forward, -1 reverse."""
-    flat: Array
+    flat: Float64[Array, "n 5"]
     """x, y [m], heading [rad], kappa [1/m], sigma [1/m^2] of the samples. Shape (n, 5)."""
-    share: Array
+    share: Float64[Array, " n"]
     """Distance of the axle up to each sample as a share of the whole. Shape (n,), from 0 to 1."""
     length: float
     """Distance of the axle [m]."""
 
     @staticmethod
-    def of(vehicle: Vehicle, segment: Segment) -> "Track":
-        """The track of a segment; a reverse one is read from its end."""
+    def of(vehicle: Vehicle, segment: Segment) -> "RecordedAxle":
+        """The axle on a segment; a reverse one is read from its end."""
         flat = flat_from_state(vehicle, segment.states, segment.phi)[:: segment.direction]
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(flat[:, :2], axis=0).T))])
-        return Track(segment.direction, flat, along / along[-1], float(along[-1]))
+        return RecordedAxle(segment.direction, flat, along / along[-1], float(along[-1]))
 
     def at(self, share: Array) -> Array:
         """Points of the recorded axle. Shape (n, 2)."""
@@ -44,14 +44,14 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class AxlePoints:
     """The points of one segment in motion."""
 
-    points: Array
+    xy: Float64[Array, "M 2"]
     """M points, the first and the last beyond the ends [m]. Shape (M, 2)."""
-    share: Array
+    share: Float64[Array, " M"]
     """Where on the recorded axle each began. Shape (M,)."""
-    anchored: BoolArray
+    anchored: Bool[BoolArray, " M"]
     """Points that do not move. Shape (M,)."""
     spacing: float
     """[m]."""
@@ -64,10 +64,10 @@ class Row:
     @property
     def on_path(self) -> Array:
         """The points without the two beyond the ends. Shape (M - 2, 2)."""
-        return self.points[1:-1]
+        return self.xy[1:-1]
 
 
-def spread(track: Track, curve: Array, share: Array, spacing: float, anchors: Array) -> Row:
+def spread(axle: RecordedAxle, curve: Array, share: Array, spacing: float, anchors: Array) -> AxlePoints:
     """Points at equal distances along a polyline (n, 2) with shares (n,), ends and anchored stretches put in place.
 
     anchors: (k, 2) first and last share of each stretch that stays as recorded.
@@ -83,14 +83,14 @@ def spread(track: Track, curve: Array, share: Array, spacing: float, anchors: Ar
     stays = np.zeros(count, dtype=bool)
     for low, high in anchors:
         stays |= (shares >= low) & (shares <= high)
-    points[stays] = track.at(shares[stays])
-    start, end = track.flat[0], track.flat[-1]
+    points[stays] = axle.at(shares[stays])
+    start, end = axle.flat[0], axle.flat[-1]
     points = np.concatenate(
         [_arc(start, h * np.arange(-1, ENDS)), points[ENDS:-ENDS], _arc(end, h * np.arange(1 - ENDS, 2))]
     )
     fixed = np.ones(ENDS + 1, dtype=bool)
     stays = np.concatenate([fixed, stays[ENDS:-ENDS], fixed])
-    return Row(points, np.concatenate([[0.0], shares, [1.0]]), stays, h)
+    return AxlePoints(points, np.concatenate([[0.0], shares, [1.0]]), stays, h)
 
 
 def _arc(flat: Array, s: Array) -> Array:

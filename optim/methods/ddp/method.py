@@ -20,6 +20,7 @@ from optim.model.objective import objective
 from optim.model.path import Path
 from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
+from optim.numerics.checks import require
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,24 +60,23 @@ class Ddp:
     2e-5 m more than required."""
 
     def __post_init__(self) -> None:
-        expected = {
-            "variant": ("constrained or source", self.variant in ("constrained", "source")),
-            "hessian": ("full or gauss_newton", self.hessian in ("full", "gauss_newton")),
-            "spacing": ("more than 0 and at most 1 m", 0.0 < self.spacing <= 1.0),
-            "coarse_spacing": ("at least the spacing and at most 1 m", self.spacing <= self.coarse_spacing <= 1.0),
-            "max_iterations": ("1 or more", self.max_iterations >= 1),
-            "max_updates": ("1 or more", self.max_updates >= 1),
-            "max_rounds": ("1 or more", self.max_rounds >= 1),
-            "removals": ("0 or more", self.removals >= 0),
-            "goal_penalty": ("more than 0", self.goal_penalty > 0.0),
-            "clearance_penalty": ("more than 0", self.clearance_penalty > 0.0),
-            "gradient_tolerance": ("more than 0", self.gradient_tolerance > 0.0),
-            "goal_tolerance": ("more than 0 and at most 1e-6", 0.0 < self.goal_tolerance <= 1e-6),
-            "clearance_tolerance": ("more than 0 and at most 1e-4 m", 0.0 < self.clearance_tolerance <= 1e-4),
-        }
-        for name, (words, is_valid) in expected.items():
-            if not is_valid:
-                raise ValueError(f"ddp: {name} is {getattr(self, name)!r}, expected {words}")
+        require(
+            self,
+            "ddp",
+            variant=("constrained or source", self.variant in ("constrained", "source")),
+            hessian=("full or gauss_newton", self.hessian in ("full", "gauss_newton")),
+            spacing=("more than 0 and at most 1 m", 0.0 < self.spacing <= 1.0),
+            coarse_spacing=("at least the spacing and at most 1 m", self.spacing <= self.coarse_spacing <= 1.0),
+            max_iterations=("1 or more", self.max_iterations >= 1),
+            max_updates=("1 or more", self.max_updates >= 1),
+            max_rounds=("1 or more", self.max_rounds >= 1),
+            removals=("0 or more", self.removals >= 0),
+            goal_penalty=("more than 0", self.goal_penalty > 0.0),
+            clearance_penalty=("more than 0", self.clearance_penalty > 0.0),
+            gradient_tolerance=("more than 0", self.gradient_tolerance > 0.0),
+            goal_tolerance=("more than 0 and at most 1e-6", 0.0 < self.goal_tolerance <= 1e-6),
+            clearance_tolerance=("more than 0 and at most 1e-4 m", 0.0 < self.clearance_tolerance <= 1e-4),
+        )
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         """Improve `problem.initial`; ends, limits and `problem.required_clearance` are kept."""

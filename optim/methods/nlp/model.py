@@ -16,7 +16,7 @@ from optim.model.objective import Weights
 from optim.model.problem import Problem
 from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle, body_poses
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64
 
 _DUAL_START = 1e-2  # added to every multiplier at the start: an interior point method begins off its bounds
 
@@ -27,23 +27,28 @@ class Program:
 
     nlp: dict[str, Any]
     """x, f and g as symbols."""
-    start: Array
+    start: Float64[Array, " x"]
     """x to begin with. Shape (size of x,), as `low` and `high`."""
-    low: Array
-    high: Array
-    low_g: Array
+    low: Float64[Array, " x"]
+    high: Float64[Array, " x"]
+    low_g: Float64[Array, " g"]
     """Shape (size of g,), as `high_g`."""
-    high_g: Array
+    high_g: Float64[Array, " g"]
 
 
 @dataclass(frozen=True, eq=False)
 class Units:
     """Of the program."""
 
-    origin: Array
+    origin: Float64[Array, " 2"]
     """Where positions are counted from [m]. Shape (2,)."""
     length: float
     """The unit of length [m]."""
+
+    @staticmethod
+    def of(problem: Problem) -> "Units":
+        """Wheelbases from the first pose of the initial path."""
+        return Units(origin=problem.initial.start[:2].copy(), length=problem.vehicle.wheelbase)
 
 
 class _Columns:
@@ -143,6 +148,18 @@ def build(problem: Problem, knots: Knots, required: Array, pairs: Pairs, units: 
     _clearances(problem, knots, required, pairs, q, x, g, units)
     nlp = {"x": ca.vertcat(*x.symbols), "f": cost, "g": ca.vertcat(*g.symbols)}
     return Program(nlp, *(np.concatenate(parts) for parts in (x.start, x.low, x.high, g.low, g.high)))
+
+
+def knots_at(x: Array, like: Knots, units: Units) -> Knots:
+    """The knots in a vector of the program's unknowns; first and last state and the gears are those of `like`."""
+    count = len(like.phi)
+    states = x[: 4 * count].reshape(count, 4).copy()
+    states[:, :2] = states[:, :2] * units.length + units.origin
+    states[0], states[-1] = like.states[0], like.states[-1]
+    h = np.zeros(len(like.h))
+    for index, run in enumerate(like.runs):
+        h[run] = x[5 * count + index] * units.length / (run.stop - run.start)
+    return Knots(states, x[4 * count : 5 * count], h, like.gear)
 
 
 def _objective(weights: Weights, knots: Knots, phi: Any, h: Any, length: float) -> Any:

@@ -1,19 +1,40 @@
 """Successive convexification: the problem of `optim.knots.transcription` by a sequence of convex ones.
 
 Source: Esteban Cabezos 2020, section 4.4 (non-linear optimisation); after SCvx (Mao, Szmuk, Acikmese 2018) and SCvx*
-(Oguri 2023), with the curvature of the Lagrangian in the model and a second-order correction. The sub-problem is
-stated in cvxpy and solved by Clarabel. See `optim.methods.scp.statement` for it, `optim.methods.scp.loop` for the
-loop, and `optim.knots.rounds` for what is done about clearance between knots and needless gear changes.
+(Oguri 2023), with the curvature of the Lagrangian in the model and a second-order correction. The sub-problem
+(`optim.methods.scp.statement`) is stated in cvxpy and solved by Clarabel; `optim.knots.rounds` takes care of the
+clearance between knots and of redundant gear changes.
+
+The loop: model, step, second-order correction, accept or reject. The ratio of actual to predicted decrease of the
+merit (`optim.methods.scp.merit`) accepts or rejects and steers the trust region; the multipliers are those of the
+accepted sub-problem (Oguri 2023, SCvx*, updates them by w g instead: the same to first order where the virtual control
+vanishes, and slower where it does not), the weight w grows while the violation does not fall.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
-from optim.knots.rounds import RoundOptions, improve
-from optim.methods.scp.loop import Loop, LoopOptions
+import numpy as np
+
+from optim.knots.rounds import Announce, KnotSolution, improve
+from optim.knots.transcription import STEP_RANGE, VANISHED, Knots
+from optim.methods.scp.linearisation import Linearisation, Scales, linearise
+from optim.methods.scp.merit import Point, evaluate, modelled_merit
+from optim.methods.scp.restoration import moved, restore
+from optim.methods.scp.subproblem import KnotLimits, Penalty, SubproblemSolution, solve_subproblem
+from optim.methods.scp.trust_region import ACCEPT_ABOVE, LARGEST_WEIGHT, Patience, TrustRegion
 from optim.model.problem import Problem
-from optim.model.result import OnIterate, Result, ignore
+from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
+from optim.numerics.arrays import Array
+from optim.numerics.checks import require
+
+# a step that small, in scaled units, whose decrease is as predicted: the next would gain less than a third of the
+# tolerance (largest share seen on the sample logs: 0.29), and costs as much as this one
+_SETTLED, _SETTLED_RATIO = 0.1, 0.5
+_NEARLY = 1e-2  # violation at which a vanished segment need not wait for convergence: merging opens a gap anyway
+_FEWER = 0.3  # a violation that has not fallen to this share after a step makes the weight grow
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,37 +65,205 @@ class Scp:
     path depend on what else the machine does."""
 
     def __post_init__(self) -> None:
-        expected = {
-            "spacing": ("more than 0 m", self.spacing > 0.0),
-            "max_iterations": ("1 or more", self.max_iterations >= 1),
-            "tolerance": ("more than 0", self.tolerance > 0.0),
-            "feasibility": ("more than 0", self.feasibility > 0.0),
-            "trust_region": ("more than 0", self.trust_region > 0.0),
-            "weight": ("more than 0", self.weight > 0.0),
-            "corrections": ("0 or more", self.corrections >= 0),
-            "removals": ("0 or more", self.removals >= 0),
-            "solver": ("clarabel, piqp, qoco or osqp", self.solver in ("clarabel", "piqp", "qoco", "osqp")),
-            "time_limit": ("more than 0 s", self.time_limit > 0.0),
-        }
-        for name, (words, is_valid) in expected.items():
-            if not is_valid:
-                raise ValueError(f"scp: {name} is {getattr(self, name)!r}, expected {words}")
+        require(
+            self,
+            "scp",
+            spacing=("more than 0 m", self.spacing > 0.0),
+            max_iterations=("1 or more", self.max_iterations >= 1),
+            tolerance=("more than 0", self.tolerance > 0.0),
+            feasibility=("more than 0", self.feasibility > 0.0),
+            trust_region=("more than 0", self.trust_region > 0.0),
+            weight=("more than 0", self.weight > 0.0),
+            corrections=("0 or more", self.corrections >= 0),
+            removals=("0 or more", self.removals >= 0),
+            solver=("clarabel, piqp, qoco or osqp", self.solver in ("clarabel", "piqp", "qoco", "osqp")),
+            time_limit=("more than 0 s", self.time_limit > 0.0),
+        )
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
         """Improve `problem.initial`; ends, limits and `problem.required_clearance` are kept."""
-        rounds = RoundOptions(spacing=self.spacing, max_removals=self.removals)
-        return improve(problem, self.at_knots(problem), rounds, on_iterate)
+        at_knots = self.at_knots(problem)
+        return improve(problem, at_knots, spacing=self.spacing, removals=self.removals, on_iterate=on_iterate)
 
-    def at_knots(self, problem: Problem) -> Loop:
-        """What solves the problem at given knots."""
-        options = LoopOptions(
-            solver=self.solver,
-            max_iterations=self.max_iterations,
-            tolerance=self.tolerance,
-            feasibility=self.feasibility,
-            trust_region=self.trust_region,
-            weight=self.weight,
-            corrections=self.corrections,
-            time_limit=self.time_limit,
+    def at_knots(self, problem: Problem) -> "Convexification":
+        """The optimiser of the problem at given knots."""
+        return Convexification(problem, self)
+
+
+class Convexification:
+    """Successive convexification of one problem from given knots, an `optim.knots.rounds.KnotOptimizer`."""
+
+    def __init__(self, problem: Problem, options: Scp) -> None:
+        self.problem, self.options = problem, options
+        self.scales = Scales.of(problem.vehicle, problem.weights, options.spacing)
+        self.solver_s = 0.0
+        self._last: tuple[Knots, Penalty] | None = None
+        self._sound: Point | None = None
+        self._near: tuple[Linearisation, KnotLimits] | None = None
+
+    def __call__(self, knots: Knots, required: Array, announce: Announce) -> KnotSolution:
+        """Iterate from these knots until converged, stuck or out of time; `required` (K, 2) [m] as in `improve`."""
+        options = self.options
+        shortest, longest = (share * options.spacing for share in STEP_RANGE)
+        limits = KnotLimits(required=required, shortest=shortest, longest=longest)
+        point, penalty = self._evaluate(knots, limits), self._first_penalty(knots)
+        trust, patience, self._sound, self._near = TrustRegion(), Patience(), None, None
+        for iteration in range(1, options.max_iterations + 1):
+            near = self._linearise(point, penalty, limits, trust)
+            step = self._solve(near, limits, penalty, trust.radius)
+            if step.status != "optimal":
+                if self.solver_s >= options.time_limit:
+                    return self._end(point, penalty, Stop.TIME_LIMIT, iteration)
+                trust.shrink()
+                if trust.is_exhausted:
+                    return self._end(point, penalty, Stop.FAILED, iteration, f"the solver says: {step.status}")
+                continue
+            predicted = point.merit(penalty) - modelled_merit(near, step, penalty)
+            trial = self._corrected(point, near, step, limits, penalty)
+            actual = point.merit(penalty) - trial.merit(penalty)
+            accepted = actual > 0.0 and actual >= ACCEPT_ABOVE * predicted
+            optimality = self._optimality(point, predicted, actual, step.size)
+            announce(trial.knots, self._iterate(trial, optimality, step, accepted, trust.radius))
+            if accepted:
+                before, point = point.violation, trial
+                penalty = self._updated(penalty, step, point, before)
+                self._remember(point)
+                if point.violation <= _NEARLY and _has_vanished(point.knots, VANISHED * options.spacing):
+                    return self._end(point, penalty, Stop.CONVERGED, iteration)
+            if point.violation <= options.feasibility:
+                if optimality <= 1.0:
+                    return self._end(point, penalty, Stop.CONVERGED, iteration)
+            elif optimality <= 1.0:
+                polished = self._polished(point, near, limits)
+                if polished.violation <= options.feasibility:
+                    announce(polished.knots, self._iterate(polished, optimality, None, True, trust.radius))
+                    return self._end(polished, penalty, Stop.CONVERGED, iteration)
+                if penalty.weight >= LARGEST_WEIGHT:
+                    return self._end(point, penalty, Stop.INFEASIBLE, iteration)
+                penalty = replace(penalty, weight=min(10.0 * penalty.weight, LARGEST_WEIGHT))
+            elif patience.is_over(point.violation, penalty.weight):
+                return self._end(point, penalty, Stop.INFEASIBLE, iteration)
+            trust.update(actual / predicted if predicted > 0.0 else 1.0, step.reach / options.trust_region)
+            if trust.is_exhausted:
+                return self._end(point, penalty, Stop.STALLED, iteration)
+            if self.solver_s >= options.time_limit:
+                return self._end(point, penalty, Stop.TIME_LIMIT, iteration)
+        return self._end(point, penalty, Stop.ITERATION_LIMIT, options.max_iterations)
+
+    def _first_penalty(self, knots: Knots) -> Penalty:
+        """Weight and multipliers to begin with: those of the last solution where it goes on from its knots."""
+        if self._last is not None and self._last[0] is knots:
+            return self._last[1]
+        return Penalty(self.options.weight, np.zeros((len(knots.h), 4)), np.zeros((len(knots.phi), 2)))
+
+    def _evaluate(self, knots: Knots, limits: KnotLimits) -> Point:
+        return evaluate(self.problem, knots, self.scales, limits)
+
+    def _linearise(self, point: Point, penalty: Penalty, limits: KnotLimits, trust: TrustRegion) -> Linearisation:
+        """The model near a point; obstacles too far for it are left out, a step that meets one is rejected."""
+        reach = float(limits.required.max()) + 1.5 * self.scales.length * max(1.0, min(trust.radius, 2.0))
+        near = linearise(self.problem, point.knots, self.scales, penalty.dynamics, reach)
+        near = replace(near, factor=near.factor * np.sqrt(trust.curvature))
+        self._near = near, limits
+        return near
+
+    def _solve(self, near: Linearisation, limits: KnotLimits, penalty: Penalty, radius: float) -> SubproblemSolution:
+        remaining = max(self.options.time_limit - self.solver_s, 1e-3)
+        trust = self.options.trust_region * radius
+        vehicle, solver = self.problem.vehicle, self.options.solver
+        step = solve_subproblem(vehicle, near, self.scales, limits, penalty, trust, solver, remaining)
+        self.solver_s += step.solver_s
+        return step
+
+    def _corrected(
+        self, point: Point, near: Linearisation, step: SubproblemSolution, limits: KnotLimits, penalty: Penalty
+    ) -> Point:
+        """The point after the step, with second-order corrections as long as they lower the merit."""
+        vehicle = self.problem.vehicle
+        trial = moved(point.knots, vehicle, step.q, step.phi, step.h, self.scales, limits)
+        best = latest = self._evaluate(trial, limits)
+        for _ in range(self.options.corrections):
+            if latest.violation <= 0.1 * self.options.feasibility:
+                break
+            latest = self._restored(latest, near, limits)
+            if latest.merit(penalty) < best.merit(penalty):
+                best = latest
+        return best
+
+    def _restored(self, point: Point, near: Linearisation, limits: KnotLimits) -> Point:
+        return self._evaluate(restore(self.problem, point.knots, near.factor, self.scales, limits), limits)
+
+    def _polished(self, point: Point, near: Linearisation, limits: KnotLimits) -> Point:
+        """Newton steps onto the constraints whatever they do to the merit, which has nothing left to gain."""
+        for _ in range(3):
+            if point.violation <= self.options.feasibility:
+                break
+            point = self._restored(point, near, limits)
+        return point
+
+    def _updated(self, penalty: Penalty, step: SubproblemSolution, point: Point, before: float) -> Penalty:
+        """Multipliers of the accepted sub-problem; a larger weight where the violation has not fallen."""
+        clearance = np.maximum(penalty.clearance + penalty.weight * point.missing, 0.0)
+        stuck = point.violation > max(self.options.feasibility, _FEWER * before)
+        weight = min(2.0 * penalty.weight, LARGEST_WEIGHT) if stuck else penalty.weight
+        return Penalty(weight, step.multipliers, clearance)
+
+    def _optimality(self, point: Point, predicted: float, actual: float, size: float) -> float:
+        """What is left to gain over what may be left: at most 1 where the loop has converged.
+
+        Either the model has nothing to offer, or the step was small and did what it promised.
+        """
+        tolerance = self.options.tolerance
+        gain = max(predicted, 0.0) / (tolerance * max(1.0, abs(point.objective)))
+        small = size / (_SETTLED * np.sqrt(tolerance / 1e-5))
+        return float(min(gain, small)) if actual >= _SETTLED_RATIO * predicted else gain
+
+    def _iterate(
+        self, point: Point, optimality: float, step: SubproblemSolution | None, accepted: bool, radius: float
+    ) -> partial[Iterate]:
+        """What there is to say of a point, reached by a step or by polishing alone."""
+        residuals = {
+            "optimality": optimality,
+            "defect": float(np.abs(point.defects).max()) / self.options.feasibility,
+            "clearance": float(point.missing.max()) / self.options.feasibility,
+        }
+        return partial(
+            Iterate,
+            objective=point.objective * self.scales.cost,
+            violation=point.violation,
+            step=0.0 if step is None else step.size,
+            residuals=residuals,
+            accepted=accepted,
+            trust_region=radius,
+            solver_s=0.0 if step is None else step.solver_s,
         )
-        return Loop(problem, self.spacing, options)
+
+    def _remember(self, point: Point) -> None:
+        """Keep the best point seen that keeps everything: what a loop that does not converge can still give back."""
+        if point.violation <= self.options.feasibility and (
+            self._sound is None or point.objective < self._sound.objective
+        ):
+            self._sound = point
+
+    def _end(self, point: Point, penalty: Penalty, stop: Stop, iterations: int, word: str = "") -> KnotSolution:
+        if stop not in (Stop.CONVERGED, Stop.FAILED) and point.violation > self.options.feasibility:
+            if self._near is not None:
+                self._remember(self._polished(point, *self._near))
+            if self._sound is not None:
+                point, stop = self._sound, Stop.STALLED if stop is Stop.INFEASIBLE else stop
+        self._last = (point.knots, penalty)
+        defect, missing = float(np.abs(point.defects).max()), float(point.missing.max()) * self.scales.length
+        short = f"largest defect {defect:.1e}, clearance short by {missing:.1e} m"
+        reasons = {
+            Stop.CONVERGED: "converged",
+            Stop.INFEASIBLE: f"no clear and drivable path near this one: {short}",
+            Stop.STALLED: f"no step lowers the merit any more: {short}",
+            Stop.ITERATION_LIMIT: f"the sub-problems were not enough: {short}",
+            Stop.TIME_LIMIT: f"out of time: {short}",
+            Stop.FAILED: word,
+        }
+        return KnotSolution(knots=point.knots, stop=stop, reason=reasons[stop], iterations=iterations)
+
+
+def _has_vanished(knots: Knots, shortest: float) -> bool:
+    return knots.num_cusps > 0 and float(knots.lengths.min()) < shortest

@@ -20,7 +20,7 @@ from scipy.linalg import solve_banded
 
 from optim.knots.transcription import Knots, defects
 from optim.methods.scp.linearisation import Scales
-from optim.methods.scp.subproblem import Limits
+from optim.methods.scp.subproblem import KnotLimits
 from optim.model.clearance import separations
 from optim.model.problem import Problem
 from optim.model.vehicle import Vehicle
@@ -33,7 +33,7 @@ _STATES = 6  # unknowns of a knot and the interval after it: x, y, theta, alpha,
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _BrokenRows:
     """Constraints that a point breaks, linearised: gradient entries by row and unknown, and what is missing."""
 
     row: IntArray
@@ -45,7 +45,7 @@ class _Rows:
     """Of each row: where it belongs along the path."""
 
 
-def restore(problem: Problem, knots: Knots, factor: Array, scales: Scales, limits: Limits) -> Knots:
+def restore(problem: Problem, knots: Knots, factor: Array, scales: Scales, limits: KnotLimits) -> Knots:
     """One Newton step towards the dynamics, the required clearances and the limits.
 
     Steering angles that it would push beyond their limit are held there, and the rest makes up for them: cut off
@@ -69,7 +69,7 @@ def restore(problem: Problem, knots: Knots, factor: Array, scales: Scales, limit
 
 
 def _newton_step(
-    problem: Problem, knots: Knots, factor: Array, scales: Scales, limits: Limits, held: BoolArray
+    problem: Problem, knots: Knots, factor: Array, scales: Scales, limits: KnotLimits, held: BoolArray
 ) -> Array:
     """Changes of x, y, theta, alpha, phi (and 0 of h) in scaled units; phi stays where `held`. Shape (K, 6)."""
     gaps, jacobian = defects(problem.vehicle, knots)
@@ -97,32 +97,32 @@ def _newton_step(
     return change[:total].reshape(count, _STATES)
 
 
-def _clearance_rows(problem: Problem, knots: Knots, scales: Scales, limits: Limits) -> _Rows:
+def _clearance_rows(problem: Problem, knots: Knots, scales: Scales, limits: KnotLimits) -> _BrokenRows:
     rows = separations(problem.scene, problem.vehicle, knots.states, float(limits.required.max()))
     short = limits.required[rows.knot, rows.body] - rows.distance
     keep = np.flatnonzero((short > 0.0) & (rows.knot > 0) & (rows.knot < len(knots.phi) - 1))
     knot, gradient = rows.knot[keep], rows.gradient[keep] * scales.state / scales.length
     row = np.repeat(np.arange(len(keep)), 4)
     column = (_STATES * knot[:, None] + np.arange(4)).ravel()
-    return _Rows(row, column, gradient.ravel(), short[keep] / scales.length, knot)
+    return _BrokenRows(row, column, gradient.ravel(), short[keep] / scales.length, knot)
 
 
-def _hitch_rows(vehicle: Vehicle, knots: Knots, scales: Scales) -> _Rows:
+def _hitch_rows(vehicle: Vehicle, knots: Knots, scales: Scales) -> _BrokenRows:
     """Hitch angles beyond their limit; the ends' cannot be changed."""
     excess = hitch_excess(vehicle, knots) / scales.angle
     knot = np.flatnonzero(excess)
     alpha = _STATES * knot + 3
-    return _Rows(np.arange(len(knot)), alpha, -np.sign(knots.states[knot, 3]), excess[knot], knot)
+    return _BrokenRows(np.arange(len(knot)), alpha, -np.sign(knots.states[knot, 3]), excess[knot], knot)
 
 
-def _rate_rows(vehicle: Vehicle, knots: Knots, scales: Scales, held: BoolArray) -> _Rows:
+def _rate_rows(vehicle: Vehicle, knots: Knots, scales: Scales, held: BoolArray) -> _BrokenRows:
     """Changes of the steering angle beyond their limit on an interval, whose length stays, unless both are held."""
     excess = rate_excess(vehicle, knots) / scales.angle
     knot = np.flatnonzero((excess > 0.0) & ~(held[:-1] & held[1:]))
     sign = np.sign(knots.phi[knot + 1] - knots.phi[knot])
     row = np.repeat(np.arange(len(knot)), 2)
     phi = (_STATES * knot[:, None] + np.array([4, 4 + _STATES])).ravel()
-    return _Rows(row, phi, np.stack([sign, -sign], axis=1).ravel(), excess[knot], knot)
+    return _BrokenRows(row, phi, np.stack([sign, -sign], axis=1).ravel(), excess[knot], knot)
 
 
 def hitch_excess(vehicle: Vehicle, knots: Knots) -> Array:
@@ -138,9 +138,9 @@ def rate_excess(vehicle: Vehicle, knots: Knots) -> Array:
     return np.maximum(np.abs(np.diff(knots.phi)) - allowed, 0.0)
 
 
-def _joined(parts: list[_Rows]) -> _Rows:
+def _joined(parts: list[_BrokenRows]) -> _BrokenRows:
     starts = np.cumsum([0, *(len(part.missing) for part in parts)])
-    return _Rows(
+    return _BrokenRows(
         np.concatenate([part.row + start for part, start in zip(parts, starts, strict=False)]),
         np.concatenate([part.column for part in parts]),
         np.concatenate([part.value for part in parts]),
@@ -149,7 +149,7 @@ def _joined(parts: list[_Rows]) -> _Rows:
     )
 
 
-def moved(knots: Knots, vehicle: Vehicle, q: Array, phi: Array, h: Array, scales: Scales, limits: Limits) -> Knots:
+def moved(knots: Knots, vehicle: Vehicle, q: Array, phi: Array, h: Array, scales: Scales, limits: KnotLimits) -> Knots:
     """The knots after a step in scaled units; phi and h are cut off at their limits."""
     steer = np.clip(knots.phi + scales.angle * phi, -vehicle.max_steer, vehicle.max_steer)
     lengths = np.clip(knots.h + scales.step * h, limits.shortest, limits.longest)
@@ -160,7 +160,7 @@ def moved(knots: Knots, vehicle: Vehicle, q: Array, phi: Array, h: Array, scales
     return Knots(states, steer, np.where(knots.gear != 0, lengths, 0.0), knots.gear)
 
 
-def _system(factor: Array, jac: Array, broken: _Rows, held: BoolArray) -> sparse.coo_matrix:
+def _system(factor: Array, jac: Array, broken: _BrokenRows, held: BoolArray) -> sparse.coo_matrix:
     """[[F'F + ridge, J'], [J, -slack]]; what is fixed, both ends' states and all step lengths, has curvature 1 only."""
     steps, total = len(jac), _STATES * len(held)
     start = _STATES * np.arange(steps)

@@ -11,7 +11,7 @@ from optim.knots.transcription import Knots
 from optim.methods.scp.linearisation import Linearisation, Scales
 from optim.methods.scp.statement import DEPENDS, OWN, SLOTS, VACUOUS, Statement, bucket, statement
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, frozen
+from optim.numerics.arrays import Array, Float64, frozen
 
 _NOTHING: Final = frozen(np.zeros(0))
 _ANGLE_SHARE, _STEP_SHARE = 1.5, 0.5
@@ -19,10 +19,10 @@ _ANGLE_SHARE, _STEP_SHARE = 1.5, 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
+class KnotLimits:
     """What a step must keep within."""
 
-    required: Array
+    required: Float64[Array, "K 2"]
     """Clearance to keep at each knot by truck and trailer [m]. Shape (K, 2)."""
     shortest: float
     """Least step length [m]."""
@@ -36,34 +36,39 @@ class Penalty:
 
     weight: float
     """w [-]."""
-    dynamics: Array
+    dynamics: Float64[Array, "K-1 4"]
     """lambda. Shape (K - 1, 4)."""
-    clearance: Array
+    clearance: Float64[Array, "K 2"]
     """mu >= 0. Shape (K, 2)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class SubproblemSolution:
     """The solution of a sub-problem, in scaled units."""
 
     status: str
     """"optimal", or the solver's word for what went wrong; only then are the numbers below of use."""
     solver_s: float
     """Time in the solver, by its own account [s]."""
-    q: Array = field(default_factory=lambda: _NOTHING)
+    q: Float64[Array, "K 4"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """Change of the states. Shape (K, 4)."""
-    phi: Array = field(default_factory=lambda: _NOTHING)
+    phi: Float64[Array, " K"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """Shape (K,)."""
-    h: Array = field(default_factory=lambda: _NOTHING)
+    h: Float64[Array, " K-1"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """Shape (K - 1,)."""
-    nu: Array = field(default_factory=lambda: _NOTHING)
+    nu: Float64[Array, "K-1 4"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """Virtual control times sqrt(w). Shape (K - 1, 4)."""
-    zeta: Array = field(default_factory=lambda: _NOTHING)
+    zeta: Float64[Array, "K 2"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """Slack of the clearances times sqrt(w). Shape (K, 2)."""
-    r: Array = field(default_factory=lambda: _NOTHING)
+    r: Float64[Array, "K-1 5"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """F times the step; half its square is the curvature's part of the model. Shape (K - 1, 5)."""
-    multipliers: Array = field(default_factory=lambda: _NOTHING)
+    multipliers: Float64[Array, "K-1 4"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """Of the scaled dynamics. Shape (K - 1, 4)."""
+
+    @property
+    def size(self) -> float:
+        """Largest change of an unknown, in scaled units."""
+        return max(float(np.abs(part).max()) for part in (self.q, self.phi, self.h))
 
     @property
     def reach(self) -> float:
@@ -76,12 +81,12 @@ def solve_subproblem(
     vehicle: Vehicle,
     near: Linearisation,
     scales: Scales,
-    limits: Limits,
+    limits: KnotLimits,
     penalty: Penalty,
     radius: float,
     solver: str,
     time_limit: float,
-) -> Step:
+) -> SubproblemSolution:
     """The step that minimises the convex model within the trust region.
 
     Args:
@@ -102,7 +107,7 @@ def parameter_values(
     vehicle: Vehicle,
     near: Linearisation,
     scales: Scales,
-    limits: Limits,
+    limits: KnotLimits,
     penalty: Penalty,
     radius: float,
 ) -> dict[str, Array]:
@@ -148,7 +153,7 @@ def parameter_values(
 
 
 def _fill_bounds(
-    pad: Any, vehicle: Vehicle, knots: Knots, scales: Scales, limits: Limits, radius: float, size: int
+    pad: Any, vehicle: Vehicle, knots: Knots, scales: Scales, limits: KnotLimits, radius: float, size: int
 ) -> None:
     """Trust region and limits, together one interval for each unknown."""
     drives = knots.gear != 0
@@ -182,7 +187,7 @@ def _fill_bounds(
     pad("theta_down", theta, VACUOUS, size)
 
 
-def _fill_rows(values: dict[str, Array], near: Linearisation, scales: Scales, limits: Limits, size: int) -> None:
+def _fill_rows(values: dict[str, Array], near: Linearisation, scales: Scales, limits: KnotLimits, size: int) -> None:
     """Distances into their slots: of each knot and body the nearest `SLOTS` rows."""
     rows = near.rows
     gradient = rows.gradient * scales.state / scales.length
@@ -204,7 +209,7 @@ def _fill_rows(values: dict[str, Array], near: Linearisation, scales: Scales, li
         values[f"room{body}"][at] = room[order][mine]
 
 
-def _solve_clarabel(stated: Statement, values: dict[str, Array], count: int, time_limit: float) -> Step:
+def _solve_clarabel(stated: Statement, values: dict[str, Array], count: int, time_limit: float) -> SubproblemSolution:
     """Solve with Clarabel itself on the data of cvxpy's compiled problem, vacuous rows left out.
 
     cvxpy's own way to Clarabel keeps these rows and unpacks every variable and multiplier.
@@ -228,13 +233,13 @@ def _solve_clarabel(stated: Statement, values: dict[str, Array], count: int, tim
     solution = solver.DefaultSolver(upper, data.q, matrix, data.b[keep], cones, settings).solve()
     status = "optimal" if solution.status == solver.SolverStatus.Solved else str(solution.status)
     if status != "optimal":
-        return Step(status, solution.solve_time)
+        return SubproblemSolution(status, solution.solve_time)
     multipliers = np.asarray(solution.z)[: 4 * (stated.num_knots - 1)].reshape(4, -1).T
     unpacked = stated.unpack(np.asarray(solution.x))
     return _step(unpacked, multipliers, count, solution.solve_time)
 
 
-def _solve_cvxpy(stated: Statement, values: dict[str, Array], count: int, solver: str) -> Step:
+def _solve_cvxpy(stated: Statement, values: dict[str, Array], count: int, solver: str) -> SubproblemSolution:
     """Solve with any QP solver that cvxpy knows."""
     import cvxpy as cp
 
@@ -245,18 +250,18 @@ def _solve_cvxpy(stated: Statement, values: dict[str, Array], count: int, solver
             warnings.simplefilter("ignore")  # an inaccurate solution is no solution here, and told by its status
             stated.problem.solve(solver=solver.upper(), enforce_dpp=True)
     except cp.SolverError as error:
-        return Step(f"solver error: {' '.join(str(error).split())}", 0.0)
+        return SubproblemSolution(f"solver error: {' '.join(str(error).split())}", 0.0)
     solver_s = float(stated.problem.solver_stats.solve_time or 0.0)
     if stated.problem.status != cp.OPTIMAL:
-        return Step(stated.problem.status, solver_s)
+        return SubproblemSolution(stated.problem.status, solver_s)
     solved = {name: np.asarray(variable.value) for name, variable in stated.variables.items()}
     multipliers = np.stack([np.asarray(stated.problem.constraints[c].dual_value) for c in range(4)], axis=1)
     return _step(solved, multipliers, count, solver_s)
 
 
-def _step(values: dict[str, Array], multipliers: Array, count: int, solver_s: float) -> Step:
+def _step(values: dict[str, Array], multipliers: Array, count: int, solver_s: float) -> SubproblemSolution:
     """The solution without the padding."""
-    return Step(
+    return SubproblemSolution(
         "optimal",
         solver_s,
         q=values["q"][:count],

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 
 from optim.methods.cpo.drivable import drivable_stretch
 from optim.methods.cpo.method import Cpo
-from optim.methods.cpo.points import Track, spread
+from optim.methods.cpo.points import RecordedAxle, spread
 from optim.model.path import Path, Segment, segment_from_states
 from optim.model.problem import Problem
 from optim.numerics.arrays import Array
@@ -37,20 +37,20 @@ def solve(problem: Problem) -> Answer:
 
 def _smoothed(problem: Problem, segment: Segment) -> tuple[Segment, int, str]:
     """The segment smoothed, iterations, and the word of the minimiser."""
-    track = Track.of(problem.vehicle, segment)
-    row = spread(track, track.flat[:, :2], track.share, METHOD.spacing, np.empty((0, 2)))
+    axle = RecordedAxle.of(problem.vehicle, segment)
+    row = spread(axle, axle.flat[:, :2], axle.share, METHOD.spacing, np.empty((0, 2)))
     terms = replace(METHOD.terms(problem, METHOD.spacing), spacing=row.spacing)
-    points, free = row.points.copy(), ~row.anchored
+    points, free = row.xy.copy(), ~row.anchored
 
     def cost(unknowns: Array) -> tuple[float, Array]:
         points[free] = unknowns.reshape(-1, 2)
         value, slope, _ = terms.evaluate(points, with_metric=False)
         return value, slope[free].ravel()
 
-    done = minimize(cost, row.points[free].ravel(), jac=True, method="CG", options={"maxiter": MOST_ITERATIONS})
+    done = minimize(cost, row.xy[free].ravel(), jac=True, method="CG", options={"maxiter": MOST_ITERATIONS})
     points[free] = done.x.reshape(-1, 2)
-    ends = (track.flat[0], track.flat[-1])
-    stretch = drivable_stretch(problem.vehicle, track.direction, points[1:-1], *ends, METHOD.sample_spacing)
+    ends = (axle.flat[0], axle.flat[-1])
+    stretch = drivable_stretch(problem.vehicle, axle.direction, points[1:-1], *ends, METHOD.sample_spacing)
     if stretch is None:
         return segment, int(done.nit), "no stretch"
     states = stretch.segment.states.copy()

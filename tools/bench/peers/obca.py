@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from optim.knots.transcription import Knots, knots_of
+from optim.knots.transcription import STEP_RANGE, Knots, knots_of
 from optim.methods.nlp.duals import Pairs
-from optim.methods.nlp.ipopt import Ipopt, IpoptOptions
-from optim.methods.nlp.model import build
+from optim.methods.nlp.model import Units, build, knots_at
 from optim.model.problem import Problem
 from optim.numerics.arrays import Array
 from tools.bench.peers.common import SPACING, Answer, path_at
@@ -52,16 +51,13 @@ def solve(problem: Problem) -> Answer:
     began = time.process_time()
     knots = knots_of(problem.vehicle, problem.recorded, SPACING)
     required: Array = np.full((len(knots.phi), 2), problem.required_clearance)
-    options = IpoptOptions(
-        max_iterations=1000, tolerance=1e-6, time_limit=TIME_LIMIT, reach=np.inf, obstacles_later=False
-    )
-    terms = Ipopt(problem, SPACING, options)  # for its units and its way back from unknowns to knots
-    program = build(problem, knots, required, all_pairs(problem, knots), terms.units, terms.step_range)
+    units, step_range = Units.of(problem), np.array(STEP_RANGE) * SPACING
+    program = build(problem, knots, required, all_pairs(problem, knots), units, step_range)
     solver = ca.nlpsol("obca", "ipopt", program.nlp, ipopt_options())
     build_s = time.process_time() - began
     found = solver(x0=program.start, lbx=program.low, ubx=program.high, lbg=program.low_g, ubg=program.high_g)
     stats = solver.stats()
-    solved = terms.knots_at(np.asarray(found["x"]).ravel(), knots)
+    solved = knots_at(np.asarray(found["x"]).ravel(), knots, units)
     return Answer(
         path=path_at(problem, solved),
         word=str(stats["return_status"]),

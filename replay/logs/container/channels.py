@@ -3,19 +3,21 @@
 from pathlib import Path
 
 from replay.base.errors import LogError
-from replay.logs.container.records import Channel, Cursor, Malformed, Schema
+from replay.logs.container import records as r
+from replay.logs.container.log import Channel, Schema
+from replay.logs.container.records import Malformed, RecordStream
 
 _QOS = "offered_qos_profiles"  # the key of a channel's metadata under which rosbag2 keeps them
 
 
 def normalised(name: str) -> str:
-    """`pkg/Type` as `pkg/msg/Type`: some writers leave the middle out."""
+    """`pkg/Type` as `pkg/msg/Type`: some writers omit the middle."""
     parts = name.split("/")
     return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name
 
 
-class Definitions:
-    """What Schema and Channel records of the data section have defined so far."""
+class ChannelTable:
+    """Table of the schemas and channels that the data section has defined so far."""
 
     def __init__(self, path: Path, limit: int) -> None:
         self.path = path
@@ -31,9 +33,9 @@ class Definitions:
         """All channels, by id."""
         return tuple(self.by_id[i] for i in sorted(self.by_id))
 
-    def add_schema(self, cursor: Cursor, in_chunk: bool) -> None:
+    def add_schema(self, stream: RecordStream, in_chunk: bool) -> None:
         """Read a Schema record. Raises Malformed, or LogError where it contradicts an earlier one."""
-        schema_id, schema = read_schema(cursor)
+        schema_id, schema = read_schema(stream)
         known = self.schemas.setdefault(schema_id, schema)
         if known != schema:
             text = f"schema {schema_id} is {known.name!r} first and later {schema.name!r} with another definition"
@@ -45,15 +47,13 @@ class Definitions:
         elif known is schema:
             self._loose_schemas.add(schema_id)
 
-    def add_channel(self, cursor: Cursor, in_chunk: bool) -> Channel | None:
+    def add_channel(self, stream: RecordStream, in_chunk: bool) -> Channel | None:
         """Read a Channel record; the channel if it is new. Raises as `add_schema` does."""
-        channel = read_channel(cursor, self.schemas)
+        channel = read_channel(stream, self.schemas)
         known = self.by_id.get(channel.id)
         if known is not None and _meaning(known) != _meaning(channel):
-            text = (
-                f"channel {channel.id} is topic {known.topic!r} first and later {channel.topic!r} or otherwise encoded"
-            )
-            raise LogError("E_CHANNEL_CONFLICT", self.path, text)
+            text = f"channel {channel.id} is topic {known.topic!r} first and later {channel.topic!r}"
+            raise LogError("E_CHANNEL_CONFLICT", self.path, f"{text} or otherwise encoded")
         if in_chunk and channel.schema_id not in self._loose_schemas:
             self.outside_chunks.discard(channel.id)
         elif known is None:
@@ -67,21 +67,21 @@ class Definitions:
 
 
 def _meaning(channel: Channel) -> tuple[object, ...]:
-    """What a channel that is defined again must agree in."""
+    """The fields in which two records of one channel must agree."""
     return channel.topic, channel.encoding, channel.schema_id
 
 
-def read_schema(cursor: Cursor) -> tuple[int, Schema]:
-    """Identifier and content of a Schema record."""
-    schema_id = cursor.u16("schema id")
-    if schema_id == 0:
+def read_schema(stream: RecordStream) -> tuple[int, Schema]:
+    """Identifier and content of a Schema record. Raises Malformed."""
+    schema = r.parsed(r.kinds.Schema, stream)
+    if schema.id == 0:
         raise Malformed("schema id 0 means 'no schema' and cannot be defined")
-    return schema_id, Schema(normalised(cursor.text("name")), cursor.text("encoding"), cursor.blob("definition"))
+    return schema.id, Schema(normalised(schema.name), schema.encoding, schema.data)
 
 
-def read_channel(cursor: Cursor, schemas: dict[int, Schema]) -> Channel:
-    """The content of a Channel record."""
-    channel_id, schema_id = cursor.u16("channel id"), cursor.u16("schema id")
-    topic, encoding = cursor.text("topic"), cursor.text("message encoding")
-    metadata, _ = cursor.text_map("metadata")
-    return Channel(channel_id, topic, encoding, schemas.get(schema_id), schema_id, metadata.get(_QOS, ""))
+def read_channel(stream: RecordStream, schemas: dict[int, Schema]) -> Channel:
+    """The content of a Channel record. Raises Malformed."""
+    found = r.parsed(r.kinds.Channel, stream)
+    metadata, _ = stream.last_map(before=2)
+    schema = schemas.get(found.schema_id)
+    return Channel(found.id, found.topic, found.message_encoding, schema, found.schema_id, metadata.get(_QOS, ""))

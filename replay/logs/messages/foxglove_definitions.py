@@ -1,6 +1,8 @@
-"""The fields of the Foxglove messages that are understood, and what they are when a message leaves them out."""
+"""Message definitions of Foxglove: the fields that are read, and their values where a message omits them."""
 
 from typing import Any, Final, NamedTuple
+
+from replay.logs.messages.types import PayloadError
 
 
 class Field(NamedTuple):
@@ -67,5 +69,12 @@ _ZEROS: Final[dict[str, Any]] = {
 
 
 def absent(field: Field) -> Any:
-    """What a field is that a message leaves out; None for a message."""
+    """The value of a field that a message omits; None for a message."""
     return [] if field.repeated else _ZEROS.get(field.kind)
+
+
+def nanoseconds(seconds: int, nanos: int, where: str) -> int:
+    """One number of nanoseconds, which must fit into 64 bits. Raises PayloadError."""
+    if not 0 <= nanos < 1_000_000_000 or abs(seconds) > 9_000_000_000:
+        raise PayloadError(f"{where} is {seconds} s and {nanos} ns, which is no time")
+    return seconds * 1_000_000_000 + nanos

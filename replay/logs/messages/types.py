@@ -1,7 +1,8 @@
-"""What messages of any family are decoded to: plain arrays, as sent, nothing checked but lengths."""
+"""Message types, and the values that messages are decoded to: plain arrays, as sent, only lengths checked."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,18 +10,48 @@ from numpy.typing import NDArray
 from optim.numerics.arrays import Array
 
 Role = Literal["grid", "markers", "polygon", "path", "stream", "joints", "transforms"]
-"""What a message is read as: three kinds of map, a path, one pose of a stream that makes a path, joint angles,
-transforms between frames."""
+"""Use of a message: three kinds of map, a path, one pose of a stream that makes a path, joint angles, transforms."""
 MAP_ROLES: tuple[Role, ...] = ("grid", "markers", "polygon")
 PATH_ROLES: tuple[Role, ...] = ("path", "stream")
 
 
 class PayloadError(ValueError):
-    """A payload that does not fit its type's layout; the text names the field."""
+    """A payload that does not fit its message definition; the text names the field where it can."""
+
+
+class DefinitionError(ValueError):
+    """A message definition that cannot be read, or that is not the standard one."""
+
+
+Decode = Callable[[bytes], Any]
+"""Decodes one message to what its role asks for: `Grid`, `PoseSeries`, or a tuple of `Marker`, `Ring`, `Joints` or
+`Transform`. Raises PayloadError."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MessageType:
+    """A message type that is understood."""
+
+    name: str
+    role: Role
+    """Use of its messages."""
+
+    encodings: ClassVar[tuple[tuple[str, str], ...]]
+    """Pairs of message encoding and encoding of the message definition that are read."""
+
+    def decoder(self, encodings: tuple[str, str], definition: bytes) -> Decode:
+        """The decoder for the messages of a channel.
+
+        encodings: one of `encodings`. definition: the message definition that the channel's schema holds.
+
+        Raises:
+            DefinitionError: it cannot be read, or is not the standard one.
+        """
+        raise NotImplementedError
 
 
 class Header(NamedTuple):
-    """When and in which frame."""
+    """Time and frame of a message."""
 
     stamp: int
     """[ns]"""
@@ -51,11 +82,30 @@ class PoseSeries:
     poses: Array
     """Position x, y, z [m] and quaternion x, y, z, w. Shape (n, 7)."""
     frames: frozenset[str]
-    """Every frame that a pose names."""
+    """Frames named by the poses."""
     speed: Array | None = None
     """Speed along the heading, negative in reverse [m/s], where the type has one. Shape (n,)."""
     steer: Array | None = None
     """Angle of the front wheel [rad], where the type has one. Shape (n,)."""
+
+
+CUBE: Final = 1
+SPHERE: Final = 2
+CYLINDER: Final = 3
+LINE_STRIP: Final = 4
+LINE_LIST: Final = 5
+CUBE_LIST: Final = 6
+ARROW: Final = 0
+TEXT: Final = 9
+MESH: Final = 10
+TRIANGLE_LIST: Final = 11
+"""Values of `Marker.type`, as `visualization_msgs/msg/Marker` numbers them."""
+ADD: Final = 0
+DELETE: Final = 2
+DELETE_ALL: Final = 3
+FORGET: Final = 100
+"""Values of `Marker.action`. `FORGET` is in no ROS message: delete what is not newer than the marker's stamp, in its
+namespace, or in all of them where that is empty."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

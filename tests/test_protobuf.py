@@ -1,7 +1,8 @@
-"""Protocol buffers and JSON as they come in logs: what is passed over, what is refused, and with which words."""
+"""Protocol buffers and JSON as they come in logs: what is ignored, what is refused, and with which words."""
 
 import contextlib
 import json
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -13,10 +14,9 @@ from google.protobuf import descriptor_pool, message_factory
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from test_foxglove import decode, refused
 
-from replay.logs.messages import json_messages, wire
-from replay.logs.messages.content import PayloadError
-from replay.logs.messages.foxglove import FAMILIES
-from replay.logs.messages.layout import LayoutError
+from replay.logs.messages import json_messages, protobuf
+from replay.logs.messages.foxglove import MESSAGE_TYPES
+from replay.logs.messages.types import DefinitionError, PayloadError
 
 TRUCK, _ = make.drive()
 
@@ -33,7 +33,7 @@ def test_the_field_numbers_are_those_of_the_logs_own_descriptors() -> None:
     pool = classes_of(found)
     mine = pool("foxglove.PosesInFrame")(frame_id="odom")
     mine.poses.add().position.x = 7.0
-    series = FAMILIES["foxglove.PosesInFrame"].reader(("protobuf", "protobuf"), found.SerializeToString())(
+    series = MESSAGE_TYPES["foxglove.PosesInFrame"].decoder(("protobuf", "protobuf"), found.SerializeToString())(
         mine.SerializeToString()
     )
     assert (series.header.frame, series.poses[0, 0]) == ("odom", 7.0)
@@ -60,7 +60,7 @@ def _with(change: Callable[[FileDescriptorProto], Any]) -> bytes:
 
 def _deep(file: FileDescriptorProto) -> None:
     inner = file.message_type[0]
-    for _ in range(20):
+    for _ in range(1100):
         inner = inner.nested_type.add(name="In")
 
 
@@ -69,48 +69,101 @@ def _deep(file: FileDescriptorProto) -> None:
     [
         (b"", "not a set of descriptors"),
         (b"\xff" * 40, "damaged"),
-        (b"\x0a\xff\x01", "claims 255 bytes"),
-        (b"\x0a\x02\x0a\x05", "claims 5 bytes"),
-        (bytes(wire.MAX_SET + 1), "at most"),
+        (b"\x0a\xff\x01", "damaged"),
+        (b"\x0a\x02\x0a\x05", "damaged"),
+        (bytes(protobuf.MAX_SET + 1), "at most"),
         (b"\x0a\x00" * 65, "65 files"),
-        (_with(lambda f: f.message_type.add(name="PosesInFrame")), "defined twice"),
+        (_with(lambda f: f.message_type.add(name="PosesInFrame")), "duplicate symbol"),
         (_with(lambda f: f.message_type[0].__setattr__("name", "Other")), "PosesInFrame is not defined"),
         (
             _with(lambda f: f.message_type[0].field[1].__setattr__("type", 5)),
             "'frame_id'.*is 'type 5', expected 'string'",
         ),
-        (_with(lambda f: f.message_type[0].field[2].__setattr__("label", 1)), "is 'message', expected"),
+        (
+            _with(lambda f: f.message_type[0].field[2].__setattr__("label", 1)),
+            "is 'foxglove.Pose', expected 'foxglove.Pose\\[\\]'",
+        ),
         (_with(lambda f: f.message_type[0].field[2].__setattr__("type_name", ".foxglove.Vector3")), "Vector3"),
         (_with(lambda f: f.message_type[0].ClearField("field")), "none of the fields"),
         (_with(lambda f: [f.message_type.add(name=f"M{i}") for i in range(1100)]), "more than 1024 messages"),
-        (_with(_deep), "within each other"),
-        (_with(lambda f: f.__setattr__("package", "a")).replace(b"\x12\x01a", b"\x12\x01\xff"), "not UTF-8"),
+        (_with(_deep), "more than 1024 messages|damaged"),
+        (
+            _with(lambda f: f.__setattr__("package", "a")).replace(b"\x12\x01a", b"\x12\x01\xff"),
+            "damaged|not defined",
+        ),
     ],
 )
 def test_descriptors_that_cannot_be_used_are_an_error_of_one_line(data: bytes, says: str) -> None:
-    with pytest.raises(LayoutError, match=says) as caught:
-        FAMILIES["foxglove.PosesInFrame"].reader(("protobuf", "protobuf"), data)
+    with pytest.raises(DefinitionError, match=says) as caught:
+        MESSAGE_TYPES["foxglove.PosesInFrame"].decoder(("protobuf", "protobuf"), data)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
     ("data", "says"),
     [
-        (b"\x00\x01", "the number 0"),
-        (b"\x0b", "wire type 3"),
-        (b"\x12\x05ab", "claims 5 bytes, 2 are left"),
-        (b"\x12" + b"\xff" * 9, "cut off"),
-        (b"\x12" + b"\xff" * 11, "more than ten bytes"),
-        (b"\x12\x02\xff\xfe", "frame_id is not UTF-8"),
-        (b"\x10\x05", "frame_id has the wire type 0, expected 2"),
+        (b"\x00\x01", "damaged"),
+        (b"\x0b", "damaged"),
+        (b"\x1b\x1c", "poses has the wire type 3"),
+        (b"\x12\x05ab", "damaged, or no foxglove.PosesInFrame"),
+        (b"\x12" + b"\xff" * 9, "damaged"),
+        (b"\x12" + b"\xff" * 11, "damaged"),
+        (b"\x12\x02\xff\xfe", "damaged"),
+        (b"\x10\x05", "frame_id has the wire type 0"),
         (b"\x0a\x06\x10\xff\xff\xff\xff\x0f", "no time"),
+        (b"\x1a\x04\x0a\x02\x08\x01", "foxglove.Vector3.x has the wire type 0"),
         (b"\x1a\x00" * 1_000_001, "more than 1000000 messages"),
+        (bytes(protobuf.MAX_MESSAGE + 1), "at most 16777216"),
+        (b"\xf8\x07\x01" * 22_000, "66000 bytes of it are fields that its definition does not have"),
     ],
 )
 def test_payloads_that_are_no_such_message_are_refused(data: bytes, says: str) -> None:
-    read = FAMILIES["foxglove.PosesInFrame"].reader(("protobuf", "protobuf"), fox.definition(fox.poses([])))
+    read = MESSAGE_TYPES["foxglove.PosesInFrame"].decoder(("protobuf", "protobuf"), fox.definition(fox.poses([])))
     with pytest.raises(PayloadError, match=says):
         read(data)
+
+
+@pytest.mark.parametrize("mebibytes", [1, 15, 60])
+def test_a_message_of_unknown_fields_costs_little_time(mebibytes: int) -> None:
+    read = MESSAGE_TYPES["foxglove.PosesInFrame"].decoder(("protobuf", "protobuf"), fox.definition(fox.poses([])))
+    data = b"\xf8\x07\x01" * ((mebibytes << 20) // 3)
+    began = time.process_time()
+    with contextlib.suppress(PayloadError):
+        read(data)
+    assert time.process_time() - began < 2.0
+
+
+def _imports(file: FileDescriptorProto, *names: str) -> None:
+    file.dependency.extend(names)
+
+
+def test_files_are_read_after_those_that_they_import_and_in_no_circle() -> None:
+    found = FileDescriptorSet.FromString(fox.definition(fox.poses([])))
+    files = list(found.file)
+    for order in (files, files[::-1]):
+        data = FileDescriptorSet(file=order).SerializeToString()
+        MESSAGE_TYPES["foxglove.PosesInFrame"].decoder(("protobuf", "protobuf"), data)
+    for file in (files[0].name, "nowhere.proto"):
+        with pytest.raises(DefinitionError, match="imports itself, or a file that is not in the descriptors"):
+            MESSAGE_TYPES["foxglove.PosesInFrame"].decoder(
+                ("protobuf", "protobuf"), _with(lambda each, file=file: _imports(each, file))
+            )
+
+
+def test_the_times_that_every_runtime_knows_may_be_missing_from_the_set() -> None:
+    found = FileDescriptorSet.FromString(fox.definition(fox.poses([])))
+    kept = [file for file in found.file if not file.name.startswith("google/")]
+    read = MESSAGE_TYPES["foxglove.PosesInFrame"].decoder(
+        ("protobuf", "protobuf"), FileDescriptorSet(file=kept).SerializeToString()
+    )
+    assert read(fox.poses([(1.0, 2.0, 0.0)], stamp=5).SerializeToString()).header.stamp == 5
+
+
+def test_what_one_log_defines_does_not_change_what_another_means() -> None:
+    other = _with(lambda f: f.message_type[0].field[1].__setattr__("number", 50))
+    for definition, frame in ((fox.definition(fox.poses([])), "map"), (other, "")) * 2:
+        read = MESSAGE_TYPES["foxglove.PosesInFrame"].decoder(("protobuf", "protobuf"), definition)
+        assert read(fox.poses([(1.0, 2.0, 0.0)]).SerializeToString()).header.frame == frame
 
 
 def test_a_payload_that_ends_early_never_does_more_than_fail() -> None:
@@ -121,7 +174,7 @@ def test_a_payload_that_ends_early_never_does_more_than_fail() -> None:
     ):
         data, read = (
             each.SerializeToString(),
-            FAMILIES[each.DESCRIPTOR.full_name].reader(("protobuf", "protobuf"), fox.definition(each)),
+            MESSAGE_TYPES[each.DESCRIPTOR.full_name].decoder(("protobuf", "protobuf"), fox.definition(each)),
         )
         for end in range(len(data)):
             with contextlib.suppress(PayloadError):  # or less was sent, and it is whole
@@ -131,7 +184,7 @@ def test_a_payload_that_ends_early_never_does_more_than_fail() -> None:
 def test_a_message_that_comes_in_two_parts_is_put_together_and_unknown_fields_are_passed_over() -> None:
     one = fox.transform("a", "b", (1.0, 0.0, 0.0)).SerializeToString()
     two = fox.message("FrameTransform", translation=fox.message("Vector3", y=2.0)).SerializeToString()
-    read = FAMILIES["foxglove.FrameTransform"].reader(
+    read = MESSAGE_TYPES["foxglove.FrameTransform"].decoder(
         ("protobuf", "protobuf"), fox.definition(fox.transform("a", "b", (0, 0, 0)))
     )
     (each,) = read(one + two + b"\xa0\x06\x07\xa2\x06\x01x\xa5\x06aaaa\xa1\x06aaaaaaaa")
@@ -143,13 +196,13 @@ def test_lists_of_indices_may_be_packed_or_not() -> None:
     each = fox.scene(fox.entity("a", lines=[line]))
     (_, packed) = decode(each)
     data = each.SerializeToString().replace(b"\x42\x08\x02\0\0\0\0\0\0\0", b"\x45\x02\0\0\0\x45\0\0\0\0")
-    (_, loose) = FAMILIES["foxglove.SceneUpdate"].reader(("protobuf", "protobuf"), fox.definition(each))(data)
+    (_, loose) = MESSAGE_TYPES["foxglove.SceneUpdate"].decoder(("protobuf", "protobuf"), fox.definition(each))(data)
     assert packed.points.tolist() == loose.points.tolist() == [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
     line.indices.append(3)
     assert "names point 3 of 3" in refused(fox.scene(fox.entity("a", lines=[line])))
     broken = each.SerializeToString().replace(b"\x42\x08\x02\0\0\0\0\0\0\0", b"\x42\x07\x02\0\0\0\0\0\0\x30")
     with pytest.raises(PayloadError):
-        FAMILIES["foxglove.SceneUpdate"].reader(("protobuf", "protobuf"), fox.definition(each))(broken)
+        MESSAGE_TYPES["foxglove.SceneUpdate"].decoder(("protobuf", "protobuf"), fox.definition(each))(broken)
 
 
 # ---- JSON
@@ -179,7 +232,7 @@ def test_lists_of_indices_may_be_packed_or_not() -> None:
 )
 def test_json_that_is_no_such_message_is_refused(text: bytes, says: str) -> None:
     with pytest.raises(PayloadError, match=says) as caught:
-        FAMILIES["foxglove.PosesInFrame"].reader(("json", "jsonschema"), b"")(text)
+        MESSAGE_TYPES["foxglove.PosesInFrame"].decoder(("json", "jsonschema"), b"")(text)
     assert str(caught.value).isprintable()
 
 
@@ -195,10 +248,10 @@ def test_json_that_is_no_such_message_is_refused(text: bytes, says: str) -> None
 def test_json_grids_with_other_values_are_refused(key: str, value: Any, says: str) -> None:
     tree = fox.tree(fox.grid(np.zeros((2, 2), np.int8))) | {key: value}
     with pytest.raises(PayloadError, match=says):
-        FAMILIES["foxglove.Grid"].reader(("json", ""), b"")(json.dumps(tree).encode())
+        MESSAGE_TYPES["foxglove.Grid"].decoder(("json", ""), b"")(json.dumps(tree).encode())
 
 
 def test_json_truth_values_are_truth_values() -> None:
     tree = {"entities": [{"lines": [{"scale_invariant": 1}]}]}
     with pytest.raises(PayloadError, match="a truth value"):
-        FAMILIES["foxglove.SceneUpdate"].reader(("json", ""), b"")(json.dumps(tree).encode())
+        MESSAGE_TYPES["foxglove.SceneUpdate"].decoder(("json", ""), b"")(json.dumps(tree).encode())

@@ -14,26 +14,26 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from optim.methods.cpo.terms import BAND
-from optim.numerics.arrays import Array, BoolArray
+from optim.numerics.arrays import Array, BoolArray, Float64
 
 _DECREASE = 1e-4  # Armijo's condition: the least share of the decrease that the slope promises
-_REFRESH = 20  # steps after which the metric is evaluated anew for the first time
-_ROUNDING = 1e-14  # a promised decrease that is none, where F itself is 0
+_REFRESH = 20  # steps after which the metric is first evaluated again
+_ROUNDING = 1e-14  # a promised decrease below this is none, where F itself is 0
 _SMALLEST_SHARE = 1e-8  # of a step; shorter ones change nothing
 _CURVATURE = 1e-10  # pairs with less curvature than this, relative to their size, are left out
 
 
-class Descent(NamedTuple):
-    """Where it ended."""
+class BfgsSolution(NamedTuple):
+    """Where the minimiser ended."""
 
-    points: Array  # (M, 2) [m]
+    points: Float64[Array, "M 2"]  # [m]
     value: float  # F
     iterations: int
     evaluations: int  # of F
     converged: bool
 
 
-def descend(
+def minimise_bfgs(
     evaluate: Callable[[Array, bool], tuple[float, Array, Array | None]],
     points: Array,
     free: BoolArray,
@@ -42,12 +42,12 @@ def descend(
     max_iterations: int,
     tolerance: float,
     max_step: float,
-) -> Descent:
+) -> BfgsSolution:
     """Lower F from `points` (M, 2), moving those with `free` (M,) only.
 
     Converged when the decrease that the metric promises is at most tolerance * F. No point moves by more than
-    max_step [m] at once: a full step may jump over a thin obstacle. The metric is evaluated anew, and the pairs are
-    forgotten, after `_REFRESH` steps, then twice as many, and so on: far from rest a new metric is worth more than
+    max_step [m] at once: a full step may jump over a thin obstacle. The metric is evaluated again, and the pairs
+    are forgotten, after `_REFRESH` steps, then twice as many, and so on: far from rest a new metric is worth more than
     what was learned, near it less.
 
     evaluate: gives the value of F at points, its gradient (M, 2), and where that is asked for the metric, (BAND, 2 M).
@@ -62,7 +62,7 @@ def descend(
         step = -_apply(factor, pairs, slope)
         promised = -float(slope @ step)
         if promised <= tolerance * value or promised <= _ROUNDING:
-            return Descent(points, value, iteration, evaluations, True)
+            return BfgsSolution(points, value, iteration, evaluations, True)
         step *= min(1.0, max_step / np.hypot(*step.reshape(-1, 2).T).max())
         promised, share = -float(slope @ step), 1.0
         while True:
@@ -76,7 +76,7 @@ def descend(
             else:
                 share *= 0.1
             if share < _SMALLEST_SHARE:
-                return Descent(points, value, iteration, evaluations, False)
+                return BfgsSolution(points, value, iteration, evaluations, False)
         trial_slope = np.where(mask, trial_slope.ravel(), 0.0)
         moved, turned = share * step, trial_slope - slope
         points, value, slope = trial, trial_value, trial_slope
@@ -86,7 +86,7 @@ def descend(
             factor, pairs = _factor(evaluate(points, True)[2], mask), []
         elif moved @ turned > _CURVATURE * np.linalg.norm(moved) * np.linalg.norm(turned):
             pairs = [*pairs, (moved, turned)][-memory:]
-    return Descent(points, value, max_iterations, evaluations, False)
+    return BfgsSolution(points, value, max_iterations, evaluations, False)
 
 
 def _factor(metric: Array | None, mask: BoolArray) -> Array:
