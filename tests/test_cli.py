@@ -89,7 +89,7 @@ def test_every_command_explains_itself(run, command):
         (["optimize", BAY, "--weights.cusp", "-1"], ["weights: cusp is -1"]),
         (["optimize", BAY, "--margin", "40"], ["margin is 40"]),
         (["optimize", BAY, "--unknown", "maybe"], ["--unknown", "obstacle", "free"]),
-        (["optimize", BAY, "--vehicle", "none.toml"], ["--vehicle none.toml", "No such file"]),
+        (["optimize", BAY, "--vehicle", "none.toml"], ["vehicle none.toml", "No such file"]),
         (["optimize", BAY, "--out", BAY], ["--out", "it is a file"]),
         (["info", BAY, "--no-such"], ["--no-such"]),
         (["info", "none.mcap"], ["none.mcap", "E_NOT_FOUND"]),
