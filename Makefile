@@ -9,7 +9,7 @@ MADE := $(ENV)/.made
 DEV := $(ENV)/.dev
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 PYTHON ?=
-SPREAD := -n auto --maxprocesses 4
+SPREAD := -n auto --maxprocesses 4 --dist worksteal
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+): .*## (.*)/make \1\t\2/' | expand -t 18

@@ -74,4 +74,4 @@ def test_no_text_takes_long(piece: str) -> None:
     started = time.process_time()
     with pytest.raises(DefinitionError):
         parse_idl(text)
-    assert time.process_time() - started < 2.0
+    assert time.process_time() - started < 10.0, "coverage slows it several times; more than in proportion is hours"

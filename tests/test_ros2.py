@@ -194,11 +194,11 @@ def test_damaged_payloads_raise_nothing_but_cdr_errors(kind: str) -> None:
 
 def test_counts_beyond_the_payload_are_refused_before_anything_is_allocated() -> None:
     header = b"\0\1\0\0" + bytes(8) + struct.pack("<I", 1) + bytes(4)
-    start = time.perf_counter()
+    start = time.process_time()
     for kind in (make.PATH, make.MARKERS):
         with pytest.raises(CdrError, match="claims 4294967295 elements"):
             MESSAGE_TYPES[kind].decode((header if kind == make.PATH else b"\0\1\0\0") + b"\xff" * 4 + bytes(60), 0)
-    assert time.perf_counter() - start < 1.0
+    assert time.process_time() - start < 5.0
 
 
 @pytest.mark.parametrize(("kind", "says"), [(0, "big-endian CDR"), (7, "XCDR2"), (11, "unknown")])
