@@ -106,6 +106,7 @@ def plan(tmp_path) -> Plan:
     return help.make_plan(str(tmp_path / "corpus"), {"ddp": METHODS["ddp"]})
 
 
+@pytest.mark.slow
 def test_killed_workers_cost_no_log_nothing_runs_on_and_results_are_those_of_this_machine(plan, tmp_path):
     paths = os.pathsep.join([str(help.ROOT), str(help.ROOT / "tests")])
     run = start(plan, tmp_path / "runs")
@@ -132,6 +133,7 @@ def test_killed_workers_cost_no_log_nothing_runs_on_and_results_are_those_of_thi
     assert help.results(other) == documents
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_dies_ends_the_run_with_one_line_and_the_rest_can_be_done_here(plan, tmp_path):
     run = start(plan, tmp_path / "runs")
     paths = os.pathsep.join([str(help.ROOT), str(help.ROOT / "tests")])

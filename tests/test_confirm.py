@@ -12,7 +12,7 @@ from results_maker import RECORDED, Answer, Document, make_run, results_data, wr
 from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle
 from replay.base.documents import plain
-from replay.run.confirm import Verdict, audit_results
+from replay.run.confirm import Confirmation, audit_results
 from replay.run.judge import run_case
 from replay.run.plain import path_to_document
 from replay.run.results import results_of, to_document
@@ -25,7 +25,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Document:
     return results_data(written(tmp_path_factory.mktemp("stored"), to_document(RUN)))
 
 
-def audited(document: Document) -> list[Verdict]:
+def audited(document: Document) -> list[Confirmation]:
     return audit_results(results_of(document, "document"))
 
 

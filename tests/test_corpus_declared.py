@@ -14,6 +14,8 @@ from replay.regress.job import Job, run_job
 from replay.regress.options import Options
 from replay.report.facts import acceptable
 from replay.report.reading import read_run
+from replay.run.limits import NO_LIMITS
+from replay.run.solving import InTurn
 
 
 @pytest.fixture
@@ -60,11 +62,7 @@ def test_a_log_knows_the_line_that_declares_it(corpus):
 def test_a_log_that_is_named_but_not_there_says_who_names_it(tmp_path):
     (tmp_path / "logs").mkdir()
     log = CorpusLog(name="odd", path=str(tmp_path / "odd.mcap"), declared="corpus.toml:3")
-
-    def solve(*_: object):
-        raise AssertionError("there is nothing to solve")
-
-    run_job(Job(log=log, folder=str(tmp_path), options=Options(methods={})), solve, lambda _: None)
+    run_job(Job(log=log, folder=str(tmp_path), options=Options(methods={})), InTurn(NO_LIMITS), lambda _: None)
     text = (tmp_path / "logs" / "odd.json").read_text()
     assert "E_NOT_FOUND" in text
     assert "corpus.toml:3 names it" in text

@@ -12,7 +12,7 @@ import pytest
 from logs_maker import sound_log
 
 from optim.methods import METHODS
-from replay.cli import use_one_thread
+from replay.base.threads import use_one_thread
 from tools.processes import REPLAY
 
 TIMES = ("wall_s", "compile_s", "solver_s")
@@ -39,6 +39,7 @@ def optimised(log: pathlib.Path, out: pathlib.Path, folder: pathlib.Path, **envi
     return json.loads((out / "yard.results.json").read_text())
 
 
+@pytest.mark.slow
 def test_all_methods_give_the_same_bits_in_other_processes_folders_and_environments(tmp_path: pathlib.Path) -> None:
     log = sound_log().write(tmp_path / "yard.mcap")
     other = tmp_path / "other folder"

@@ -131,7 +131,10 @@ def _child(parent: str, module: str) -> str:
 
 
 def test_no_import_for_types_alone_hides_an_arrow() -> None:
-    wrong = [each for each in imports() if each.is_for_types and each.target.split(".")[0] in TREES]
+    # the face of the package loads its names on first use, and shows type checkers where they are; nobody imports it
+    assert not [each for each in imports() if each.target == "replay" and each.file.split(".")[0] != "tools"]
+    hidden = [each for each in imports() if each.is_for_types and each.target.split(".")[0] in TREES]
+    wrong = [each for each in hidden if each.file != "replay"]
     assert not wrong, listed(wrong)
 
 
@@ -166,6 +169,8 @@ def test_only_the_pipeline_leads_from_a_log_to_a_result() -> None:
         or (is_in(each.target, "replay.logs") and each.name == "read_cases")
     ]
     wrong = [each for each in functions if is_in(each.file, "replay.cli") or is_in(each.file, "replay.regress")]
+    # it also runs with the packages of versions from before the pipeline
+    wrong = [each for each in wrong if each.file != "replay.regress.timing_server"]
     assert not wrong, listed(wrong)
 
 

@@ -17,7 +17,7 @@ from optim.model.vehicle import Vehicle
 from replay.cli.options import options_of
 from replay.run.plain import path_to_document
 
-SEEDS = range(8)
+SEEDS = [*range(3), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 8))]
 every_method = pytest.mark.parametrize("name", METHODS)
 
 

@@ -53,6 +53,7 @@ def samples(path: Path) -> np.ndarray:
     return np.column_stack([path.samples.states, path.samples.phi])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLANNERS)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_plan_passes_the_audit_and_ends_where_asked(name: str, seed: int) -> None:
@@ -70,6 +71,7 @@ def test_a_plan_passes_the_audit_and_ends_where_asked(name: str, seed: int) -> N
     assert (np.diff(plan.nodes) > 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLANNERS)
 def test_the_same_seed_gives_the_same_path_and_another_seed_another(name: str) -> None:
     problem = make_problem(1.0)

@@ -17,6 +17,7 @@ QUICK = {name: method for name, method in METHODS.items() if name != "nlp"}
 """nlp takes up to 50 s a log, which is for the benchmark; the contract tests have it on smaller problems."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log", LOGS, ids=lambda log: log.stem)
 def test_a_sample_log_is_improved_and_passes_the_audit(log: Path) -> None:
     for case in read_cases(log):
@@ -35,6 +36,7 @@ def test_there_are_twelve_sample_logs() -> None:
     assert len(LOGS) == 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stem", ["bay_02", "lot_01", "angled_02"])
 def test_coarse_and_noisy_poses_without_trailer_and_vehicle_are_improved_too(stem: str, tmp_path: Path) -> None:
     (case,) = read_cases(LOGS[0].with_name(f"{stem}.mcap"))

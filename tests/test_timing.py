@@ -98,6 +98,7 @@ def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(tmp_path, m
         assert server.seconds("log", "fast") == 2.0
 
 
+@pytest.mark.slow
 def test_a_version_that_sleeps_is_slower_and_pairs_that_one_side_cannot_do_are_left_out(tmp_path):
     logs = ["bay_01", "bay_02", "dock_02"]
     pairs = [(name, str(help.RECORDINGS / f"{name}.mcap"), method) for name in logs for method in ("ddp", "cpo")]

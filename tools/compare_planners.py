@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from replay.cli import use_one_thread
+from replay.base.threads import use_one_thread
 
 use_one_thread()
 

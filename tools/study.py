@@ -28,7 +28,7 @@ from dataclasses import asdict
 from multiprocessing import get_context
 from typing import Any
 
-from replay.cli import use_one_thread
+from replay.base.threads import use_one_thread
 
 use_one_thread()
 

@@ -52,6 +52,12 @@ class AuditReport:
     complete: bool
     """False when damage left some checks without sense; the report has not passed then."""
 
+    def __repr__(self) -> str:
+        checks = f"{len(self.checks)} checks"
+        if self.passed:
+            return f"AuditReport(passed, {checks})"
+        return f"AuditReport(failed: {', '.join(self.failed) or 'incomplete'}, of {checks})"
+
     @property
     def passed(self) -> bool:
         """Whether every check was made, and passed."""

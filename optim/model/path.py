@@ -17,7 +17,7 @@ import numpy as np
 from optim.model.kinematics import LARGEST_STEP, roll_out, roll_out_kernel
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, Float64, Int64, IntArray, frozen, frozen_int
-from optim.numerics.frames import data_frame
+from optim.numerics.frame import data_frame
 from optim.numerics.kernel import kernel
 
 LENGTH_TOLERANCE = 1e-9
@@ -112,6 +112,20 @@ class Path:
         if not self.segments:
             raise ValueError("path: no segments")
 
+    def __repr__(self) -> str:
+        gears = " ".join(f"{segment.direction * segment.length:+.2f} m" for segment in self.segments)
+        return f"Path({gears}; {sum(segment.num_samples for segment in self.segments)} samples)"
+
+    def to_dataframe(self) -> Any:
+        """All samples as rows, SI units; `s` counts from the start of the path.
+
+        A DataFrame of pandas, else of polars. Raises ImportError where neither is installed.
+        """
+        samples = self.samples
+        columns = dict(zip(("x", "y", "theta", "alpha"), samples.states.T, strict=True))
+        whole = {"segment": samples.segment, "direction": samples.direction, "s": samples.s}
+        return data_frame(whole | columns | {"phi": samples.phi})
+
     @cached_property
     def samples(self) -> Samples:
         """The samples of all segments in a row."""
@@ -186,18 +200,6 @@ class Path:
     def phi(self) -> Array:
         """Steering angle at each sample [rad]. Shape (N,)."""
         return self.samples.phi
-
-    def to_dataframe(self) -> Any:
-        """All samples, one row each: segment, direction, s, x, y, theta, alpha, phi; SI units and radians.
-
-        A pandas or polars DataFrame, whichever is installed; raises ImportError where neither is.
-        """
-        names = ("s", "x", "y", "theta", "alpha", "phi")
-        columns = {"segment": self.segment, "direction": self.samples.direction}
-        return data_frame(columns | {name: getattr(self, name) for name in names})
-
-    def __repr__(self) -> str:
-        return f"Path({self.length:.2f} m, gear changes: {self.num_cusps}, samples: {len(self.samples.s)})"
 
 
 def segment_from_states(direction: int, s: Array, states: Array, phi: Array) -> Segment:

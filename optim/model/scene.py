@@ -24,6 +24,9 @@ class Scene:
     frame: str = "map"
     """Name of the coordinate frame."""
 
+    def __repr__(self) -> str:
+        return f"Scene({len(self.polygons)} polygons, frame {self.frame!r})"
+
     @cached_property
     def packed(self) -> PackedScene:
         """The polygons and their tree of boxes, as the kernels read them."""

@@ -8,7 +8,6 @@ number beyond a float64. Whatever is wrong ends as one line that names the field
 """
 
 import dataclasses
-import difflib
 import enum
 import functools
 import json
@@ -16,7 +15,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from types import UnionType
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -24,6 +23,7 @@ import msgspec
 import numpy as np
 
 from replay.base import strict_json
+from replay.base.errors import unknown
 
 Kind = TypeVar("Kind")
 Whole = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
@@ -133,15 +133,6 @@ def to_bytes(value: Any) -> bytes:
     text = json.dumps(plain(value), sort_keys=True, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     # A file name that is no valid UTF-8 reaches us with lone surrogates; in JSON these are escapes.
     return text.encode("utf-8", errors="backslashreplace") + b"\n"
-
-
-def unknown(kind: str, word: str, choices: Iterable[str], where: str = "") -> str:
-    """One sentence about a word that is not among the choices: where it stands, the nearest of them, all of them."""
-    choices = list(choices)
-    nearest = difflib.get_close_matches(word, choices, n=1)
-    guess = f" Did you mean {nearest[0]!r}?" if nearest else ""
-    place = f" {where}" if where else ""
-    return f"unknown {kind} {word!r}{place}.{guess} There are: {', '.join(choices)}"
 
 
 # What is wrong, where.

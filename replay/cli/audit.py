@@ -11,7 +11,7 @@ from replay.base.errors import ReplayError
 from replay.cli.console import Common, Voice
 from replay.cli.tables import checks_table
 from replay.cli.usage import ExitStatus, reflowed
-from replay.run.confirm import Verdict, audit_results
+from replay.run.confirm import Confirmation, audit_results
 from replay.run.results import audit_document, read_results
 
 
@@ -61,7 +61,7 @@ def _audit_file(voice: Voice, path: pathlib.Path) -> dict[str, Any]:
     return {"file": str(path), "error": None, "passed": passed, "paths": paths}
 
 
-def _sentence(verdicts: Sequence[Verdict]) -> str:
+def _sentence(verdicts: Sequence[Confirmation]) -> str:
     wrong = [verdict.name for verdict in verdicts if not verdict.report.passed]
     false = [verdict.name for verdict in verdicts if not verdict.confirmed]
     if not wrong and not false:

@@ -10,14 +10,14 @@ from cyclopts import App, Parameter
 
 from optim.methods import METHODS
 from replay.base.documents import plain
-from replay.base.errors import ReplayError
+from replay.base.errors import ReplayError, UsageError
 from replay.base.files import WRITE_ERROR
 from replay.base.numbers import count
 from replay.base.run_folder import SUMMARY_FILE
 from replay.base.schemas.timing import TimingDocument
 from replay.cli.console import Common, Voice
 from replay.cli.flags import MethodFlags, WeightFlags
-from replay.cli.options import UsageError, WholeNumber
+from replay.cli.options import WholeNumber
 from replay.cli.reading import Reading
 from replay.cli.regress_progress import RunProgress
 from replay.cli.regress_view import again, changes_of_baseline, commands, show_advice, show_conclusion, show_timing

@@ -1,18 +1,15 @@
 """Exit statuses, and words for arguments that cannot be used."""
 
-import difflib
 import enum
 import inspect
 import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from replay.cli.invoked import to_paste
 
 Command = TypeVar("Command", bound=Callable[..., int])
-USAGE_ERROR = "E_USAGE"
-"""Code of errors in what was asked for, to which the help has the answer."""
 
 
 class ExitStatus(enum.IntEnum):
@@ -33,15 +30,6 @@ class ExitStatus(enum.IntEnum):
 def drop_output() -> None:
     """Discard what is still to be written on standard output, also when Python ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def unknown(kind: str, word: str, choices: Iterable[str], where: str = "") -> str:
-    """One sentence about a word that is not among the choices: where it stands, the nearest of them, all of them."""
-    choices = list(choices)
-    nearest = difflib.get_close_matches(word, choices, n=1)
-    guess = f" Did you mean {nearest[0]!r}?" if nearest else ""
-    place = f" {where}" if where else ""
-    return f"unknown {kind} {word!r}{place}.{guess} There are: {', '.join(choices)}"
 
 
 def reflowed(command: Command) -> Command:

@@ -30,11 +30,9 @@ __all__ = ["prepare", "write_recording"]
 
 def prepare() -> None:
     """Load what writes recordings ahead of the first one; that takes a second."""
-    import rerun as rr
+    from replay.recording.writing import warm_up  # imports rerun: 1 s
 
-    import replay.recording.writing  # noqa: F401 - with all that it imports
-
-    rr.Transform3D(mat3x3=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])  # pyarrow loads pandas, if it is there
+    warm_up()
 
 
 def write_recording(run: Run, path: pathlib.Path, looks: Mapping[str, Style] | None = None) -> None:

@@ -34,6 +34,11 @@ class Unwritable(Exception):
 
 
 @contextlib.contextmanager
+def warm_up() -> None:
+    """Make one archetype, so that pyarrow loads what it needs (pandas too, where it is installed)."""
+    rr.Transform3D(mat3x3=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+
+
 def _strict() -> Iterator[None]:
     """Mistakes in calls of Rerun are errors within the block, as they were outside of it."""
     before = rr.strict_mode()

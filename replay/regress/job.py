@@ -3,7 +3,7 @@
 import dataclasses
 import os
 import pathlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -13,19 +13,16 @@ from replay.base.run_folder import RECORDINGS
 from replay.base.schemas.baseline import LogFigures
 from replay.base.schemas.corpus import Known
 from replay.base.schemas.log import LOG_SCHEMA, CaseResult, LogFailure, LogResults, MethodResult, Recorded, Work
-from replay.base.schemas.results import ReadDocument
 from replay.base.schemas.verdicts import Comparison
-from replay.logs import read_cases
+from replay.pipeline import Solver, optimize, read, record
 from replay.regress.compare import compare_log, worst
 from replay.regress.corpus import CorpusLog
 from replay.regress.folder import RunFolder, file_stem
 from replay.regress.options import Options
 from replay.regress.sources import STORES, digest, local_file
-from replay.run.case import Case
-from replay.run.judge import run_case
+from replay.run.case import Case, ReadReport
 from replay.run.outcome import MethodRun, Run
-from replay.run.results import audit_document, metrics_document
-from replay.run.solving import SolveEach
+from replay.run.results import audit_document, metrics_document, read_document
 
 OnStage = Callable[[str], None]
 """Takes the name of the stage that a job has reached."""
@@ -70,14 +67,14 @@ class Outcome:
     """same, worse, crashed, or unread; skipped where the document was there already."""
 
 
-def run_job(job: Job, solve: SolveEach, on_stage: OnStage) -> Outcome:
+def run_job(job: Job, workers: Solver, on_stage: OnStage) -> Outcome:
     """Do a job; `on_stage` is called at each stage. A failure of the log or of a method ends in the document."""
     folder = RunFolder(job.folder)
     if folder.file(job.log.name).exists():
         return Outcome(name=job.log.name, state="skipped")
     folder.note_attempt(job.log.name)
     try:
-        document, runs = _results(job, solve, on_stage)
+        document, runs = _results(job, workers, on_stage)
     except ReplayError as error:
         return publish_error(job, error.code, _message(job, error))
     except MemoryError:
@@ -107,34 +104,36 @@ def _published(job: Job, document: LogResults, state: str) -> Outcome:
     return Outcome(name=job.log.name, state=state if published else "skipped")
 
 
-def _results(job: Job, solve: SolveEach, on_stage: OnStage) -> tuple[LogResults, list[Run]]:
+def _results(job: Job, workers: Solver, on_stage: OnStage) -> tuple[LogResults, list[Run]]:
     on_stage("reading")
-    runs = []
-    for number, case in enumerate(read_cases(local_file(job.file), job.options.read)):
-        named = dataclasses.replace(
-            case,
-            name=f"{job.log.name}/{number}",
-            log=pathlib.Path(job.log.path),
-            read=dataclasses.replace(case.read, notes=_as_named(job, case.read.notes)),
-            problem=dataclasses.replace(case.problem, weights=job.options.weights),
-        )
+    options, runs = job.options, []
+    for number, case in enumerate(read(local_file(job.file), options.read)):
+        named = _named(job, case, number)
         on_stage(f"measuring {named.name}")
         runs.append(
-            run_case(
+            optimize(
                 named,
-                job.options.methods,
+                options.methods,
+                weights=options.weights,
+                seed=options.seed,
                 on_start=lambda name, case=named: on_stage(f"method {name} on {case.name}"),
-                seed=job.options.seed,
-                solve=solve,
+                progress=False,
+                workers=workers,
             )
         )
     sha256 = runs[0].case.sha256 if runs else None
     return _document(job, cases=tuple(map(_case, runs)), sha256=sha256), runs
 
 
-def _as_named(job: Job, notes: Iterable[str]) -> tuple[str, ...]:
-    """Notes on a log with the path that the corpus gives it."""
-    return tuple(note.replace(job.file, job.log.path) for note in notes)
+def _named(job: Job, case: Case, number: int) -> Case:
+    """A case of a log with the name and the path that the corpus gives it, in its notes too."""
+    notes = tuple(note.replace(job.file, job.log.path) for note in case.read.notes)
+    return dataclasses.replace(
+        case,
+        name=f"{job.log.name}/{number}",
+        log=pathlib.Path(job.log.path),
+        read=dataclasses.replace(case.read, notes=notes),
+    )
 
 
 def _document(
@@ -163,14 +162,15 @@ def _case(run: Run) -> CaseResult:
     return CaseResult(
         case=run.case.name,
         recorded=Recorded(metrics=metrics_document(run.recorded_metrics), audit=audit_document(run.recorded_audit)),
-        read=_read(run.case),
+        read=read_document(_named_notes(run.case)),
         methods=tuple(map(_method, run.methods)),
     )
 
 
-def _read(case: Case) -> ReadDocument:
+def _named_notes(case: Case) -> ReadReport:
+    """How a case was read, with notes that name the case instead of its file."""
     notes = tuple(note.replace(str(case.log), case.name) for note in case.read.notes)
-    return ReadDocument(**dataclasses.asdict(dataclasses.replace(case.read, notes=notes)))
+    return dataclasses.replace(case.read, notes=notes)
 
 
 def _method(run: MethodRun) -> MethodResult:
@@ -198,12 +198,10 @@ def _wants_recording(job: Job, case: str, found: Sequence[Comparison]) -> bool:
 
 def _recorded(job: Job, case: CaseResult, run: Run, on_stage: OnStage) -> CaseResult:
     """Write the recording of a case; a failure is noted in the case, since the results do not need the recording."""
-    from replay.recording import write_recording  # Rerun takes a second to load
-
     on_stage(f"recording {case.case}")
     name = f"{RECORDINGS}/{file_stem(case.case)}.rrd"
     try:
-        write_recording(run, pathlib.Path(job.folder) / name)
+        record(run, pathlib.Path(job.folder) / name)
     except ReplayError as error:
         return msgspec.structs.replace(case, recording=None, recording_error=str(error))
     return msgspec.structs.replace(case, recording=name)

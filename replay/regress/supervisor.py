@@ -105,7 +105,7 @@ class Supervisor:
         self.end()
         self._limits, self._jobs = limits, 0
         pipe = self._pipe = self._start()
-        pipe.send_bytes(pickle.dumps((sys.path, pickle.dumps(limits))))  # limits need this path to be unpacked
+        pipe.send_bytes(pickle.dumps((sys.path, limits)))
         self._next(pipe, "starting", START_S)
         return pipe
 

@@ -13,10 +13,14 @@ import sys
 import threading
 from multiprocessing.connection import Connection
 
+from replay.base.threads import use_one_thread
+from replay.run.limits import Limits
+
 
 def main() -> None:
     """Serve until the socket closes. Arguments: file descriptors of the socket and of the pipe."""
     socket, lifeline = (int(word) for word in sys.argv[1:3])
+    use_one_thread()  # before any library is loaded
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the supervisor
     threading.Thread(target=_end_with_supervisor, args=(lifeline,), daemon=True).start()
     pipe = Connection(socket)
@@ -26,14 +30,13 @@ def main() -> None:
         _serve(pipe, limits)
 
 
-def _serve(pipe: Connection, packed_limits: bytes) -> None:
+def _serve(pipe: Connection, limits: Limits) -> None:
+    from replay.pipeline import open_workers  # with the path of the supervisor
     from replay.regress.job import run_job
-    from replay.run.limits import Limits
-    from replay.run.worker import Workers, limit_memory
+    from replay.run.worker import limit_memory
 
-    limits: Limits = pickle.loads(packed_limits)
     limit_memory(limits.memory_mib)
-    with Workers(limits) as workers:
+    with open_workers(limits, jobs=1) as workers:
         pipe.send(("ready", None))
         while True:
             job = pickle.loads(pipe.recv_bytes())

@@ -12,10 +12,10 @@ from replay.base.schemas.log import MethodResult
 from replay.base.schemas.summary import Change, MethodFigures
 from replay.base.schemas.verdicts import FAILING, VERDICTS
 from replay.base.style import styles
-from replay.report.model import Row, RunData
+from replay.report.model import ResultRow, RunData
 
 
-def figures(rows: Iterable[Row]) -> MethodFigures:
+def figures(rows: Iterable[ResultRow]) -> MethodFigures:
     """Figures of some rows, usually those of one method."""
     rows = list(rows)
     results = [row.result for row in rows]
@@ -43,7 +43,7 @@ def cost(result: MethodResult) -> float | None:
     return found if found and found > 0.0 else None
 
 
-def cost_ratio(row: Row) -> float | None:
+def cost_ratio(row: ResultRow) -> float | None:
     """J over the recorded path's J [-]."""
     before, after = row.recorded.metrics.objective or 0.0, cost(row.result)
     return after / before if before > 0.0 and after is not None else None

@@ -8,7 +8,7 @@ from replay.base.errors import printable
 from replay.base.numbers import count, fixed, percent, shown
 from replay.base.schemas.summary import Change, MethodTiming, UnreadLog
 from replay.report.facts import class_of_logs, is_failing, ranked, sentence
-from replay.report.model import Row, RunData
+from replay.report.model import ResultRow, RunData
 
 Key = tuple[str, str, str]
 
@@ -66,7 +66,7 @@ _OUTCOMES = {"failures": "failure", "errors": "error", "skipped": "skipped"}
 
 
 def _test(
-    method: str, case: str, kind: str, wall_s: float | None, changes: Iterable[Change], row: Row | None = None
+    method: str, case: str, kind: str, wall_s: float | None, changes: Iterable[Change], row: ResultRow | None = None
 ) -> ET.Element:
     """One test case with its outcome: at most one of error, failure and skipped, as readers expect."""
     name = f"{kind or 'log'}.{case}".replace("/", ".")

@@ -10,7 +10,7 @@ from replay.base.schemas.verdicts import FAILING
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class ResultRow:
     """The result of one method on one case."""
 
     log: str
@@ -41,7 +41,7 @@ class RunData:
     head: RunHead
     methods: tuple[str, ...]
     """Methods that the head names, and others that have results."""
-    rows: tuple[Row, ...]
+    rows: tuple[ResultRow, ...]
     errors: tuple[UnreadLog, ...]
     changes: tuple[Change, ...]
     """All comparisons, those that say "same" too."""

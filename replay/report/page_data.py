@@ -11,7 +11,7 @@ from replay.base.schemas.values import known
 from replay.base.schemas.verdicts import VERDICTS
 from replay.report.facts import class_of_logs, cost_ratio
 from replay.report.groups import notable
-from replay.report.model import Row, RunData
+from replay.report.model import ResultRow, RunData
 
 MOST_CHANGES = 500
 MOST_CASES = 1000
@@ -95,14 +95,14 @@ def case_lines(run: RunData) -> list[CaseLine]:
         if change.verdict != "same":
             name = change.case or change.log
             gravest[name] = min(VERDICTS.index(change.verdict), gravest.get(name, same))
-    cases: dict[str, list[Row]] = {}
+    cases: dict[str, list[ResultRow]] = {}
     for row in run.rows:
         cases.setdefault(row.case, []).append(row)
     lines = [_case_line(name, rows, gravest.get(name, same)) for name, rows in cases.items()]
     return sorted(lines, key=lambda line: (line.rank, line.name))
 
 
-def _case_line(name: str, rows: list[Row], rank: int) -> CaseLine:
+def _case_line(name: str, rows: list[ResultRow], rank: int) -> CaseLine:
     first = rows[0]
     cells = {
         row.method: ResultCell(status=row.result.status, ratio=cost_ratio(row), reason=_reason(row.result))

@@ -17,10 +17,10 @@ from replay.base.schemas.results import AuditDocument, MetricsDocument
 from replay.base.schemas.values import known
 from replay.base.schemas.verdicts import VERDICTS
 from replay.report.facts import class_of_logs, is_failing
-from replay.report.model import Row, RunData
+from replay.report.model import ResultRow, RunData
 
 SCHEMA = "replay.rows/1"
-_TEXTS: dict[str, Callable[[Row], str | None]] = {
+_TEXTS: dict[str, Callable[[ResultRow], str | None]] = {
     "log": lambda row: row.log,
     "case": lambda row: row.case,
     "class": lambda row: row.kind,
@@ -62,12 +62,12 @@ def table(run: RunData) -> pa.Table:
     return pa.Table.from_arrays([array for _, array in columns], schema=schema)
 
 
-def _absent(run: RunData) -> list[Row]:
+def _absent(run: RunData) -> list[ResultRow]:
     """Rows for results that the run does not have."""
     kinds = class_of_logs(run)
 
-    def row(log: str, case: str, method: str, status: str, reason: str) -> Row:
-        return Row(
+    def row(log: str, case: str, method: str, status: str, reason: str) -> ResultRow:
+        return ResultRow(
             log=log,
             case=case,
             kind=kinds.get(log, ""),
@@ -104,7 +104,7 @@ def _verdict_columns(run: RunData, keys: Sequence[_Key]) -> list[_Column]:
     ]
 
 
-def _metric_columns(rows: Iterable[Row]) -> Iterable[_Column]:
+def _metric_columns(rows: Iterable[ResultRow]) -> Iterable[_Column]:
     for key, unit in UNITS.items():
         kind = pa.int64() if key == "cusps" else pa.float64()
         yield _column(key, unit, kind, [known(getattr(row.result.metrics, key)) for row in rows])

@@ -17,7 +17,7 @@ from replay.base.schemas.summary import Change, MethodTiming, UnreadLog
 from replay.base.schemas.timing import LARGEST_TIMING, TimingDocument
 from replay.base.schemas.values import Scalar
 from replay.base.schemas.verdicts import LARGEST_VERDICTS, Comparison, Verdicts
-from replay.report.model import Row, RunData
+from replay.report.model import ResultRow, RunData
 from replay.report.safe import LONGEST_TEXT, safe
 
 _T = TypeVar("_T", bound=msgspec.Struct)
@@ -27,7 +27,7 @@ def read_run(folder: pathlib.Path) -> RunData:
     """Read the run in a folder. Raises ReplayError (E_RUN), one line, where there is none; damaged files are named."""
     head = _head(folder)
     damaged: list[str] = []
-    rows: list[Row] = []
+    rows: list[ResultRow] = []
     errors: list[UnreadLog] = []
     for path in log_files(folder):
         if (log := _tolerant(path, LogResults, LARGEST_LOG, damaged)) is not None:
@@ -95,11 +95,11 @@ def _judged(error: UnreadLog, changes: Iterable[Change]) -> UnreadLog:
     return msgspec.structs.replace(error, expected=expected, cure=error.cure if verdict == "new" else "")
 
 
-def _rows(folder: pathlib.Path, log: LogResults) -> Iterator[Row]:
+def _rows(folder: pathlib.Path, log: LogResults) -> Iterator[ResultRow]:
     for case in log.cases if log.error is None else ():
         recording = _recording(folder, case)
         for result in case.methods:
-            yield Row(
+            yield ResultRow(
                 log=log.log,
                 case=case.case,
                 kind=log.kind,

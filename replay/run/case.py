@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from optim.model.problem import Problem
 from optim.numerics.arrays import Array, Float64, Int8
+from replay.base.numbers import count
 
 HitchSource = Literal["trailer path", "joint", "transform", "reconstructed"]
 
@@ -73,3 +74,8 @@ class Case:
     reading: Mapping[str, Any] | None = None
     """Options that the log was read with, as plain data: the fields of `replay.logs.ReadOptions`. None where
     unknown."""
+
+    def __repr__(self) -> str:
+        path, obstacles = self.problem.recorded, len(self.problem.scene.polygons)
+        driven = f"{path.length:.2f} m, {count(path.num_cusps, 'gear change')}"
+        return f"Case({self.name!r}: {driven}, {count(obstacles, 'convex obstacle')})"

@@ -29,7 +29,7 @@ adds in another order."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Verdict:
+class Confirmation:
     """The audit of one path of a results file, repeated, beside what the file says of it."""
 
     name: str
@@ -45,7 +45,7 @@ class Verdict:
         return not self.differences
 
 
-def audit_results(document: ResultsDocument) -> list[Verdict]:
+def audit_results(document: ResultsDocument) -> list[Confirmation]:
     """Repeat the audit of the recorded path and of every method's, and compare with all that the document claims.
 
     A stored verdict "not passed" that is confirmed is no difference; `report.passed` says whether a path is sound.
@@ -57,7 +57,7 @@ def audit_results(document: ResultsDocument) -> list[Verdict]:
         *(() if stored is msgspec.UNSET else _disagreements(stored, recorded)),
         *_wrong_metrics(document.recorded_metrics, _measured(problem, document.recorded)),
     ]
-    verdicts = [Verdict(name="recorded", report=recorded, differences=tuple(differences))]
+    verdicts = [Confirmation(name="recorded", report=recorded, differences=tuple(differences))]
     for method in document.methods:
         report = _audit_again(document, method.path, _stored_objective(method.metrics))
         measured = _measured(problem, method.path)
@@ -67,7 +67,7 @@ def audit_results(document: ResultsDocument) -> list[Verdict]:
             *_unfounded(method, report, document, recorded),
             *_too_close(method, problem, measured),
         ]
-        verdicts.append(Verdict(name=method.name, report=report, differences=tuple(differences)))
+        verdicts.append(Confirmation(name=method.name, report=report, differences=tuple(differences)))
     return verdicts
 
 

@@ -18,6 +18,7 @@ from optim.model.path import Path
 from optim.model.problem import Problem
 from optim.model.result import Iterate, IterateRecord, Result, Stop
 from replay.run.case import Case
+from replay.run.limits import Limits
 from replay.run.outcome import MOST_ITERATES, MethodRun, Run
 from replay.run.plain import path_to_document, scene_to_document
 from replay.run.solving import OnNamedIterate, OnStart, Solved, SolveEach, solve_in_turn
@@ -59,13 +60,14 @@ def run_case(
     on_start: OnStart = lambda _: None,
     on_end: Callable[[MethodRun], None] = lambda _: None,
     seed: int = 0,
+    limits: Limits | None = None,
     solve: SolveEach = solve_in_turn,
 ) -> Run:
     """Run methods on a case; one that fails does not stop the others.
 
-    The callbacks get the method's name, before it starts and with each iterate, and at last what came of it. `seed` is
-    noted, not used: seeds are options of the methods; `solve` runs the methods, by default in this process and one
-    after the other (see `replay.run.worker`). Raises Interrupted on Ctrl-C.
+    The callbacks get the method's name, before it starts and with each iterate, and at last what came of it. `seed` and
+    `limits` are noted, not used: seeds are options of the methods, limits those of `solve`, which runs the methods, by
+    default in this process and one after the other (see `replay.run.worker`). Raises Interrupted on Ctrl-C.
     """
     problem = case.problem
     run = Run(
@@ -75,6 +77,7 @@ def run_case(
         methods=(),
         options={name: _options(method) for name, method in methods.items()},
         seed=seed,
+        limits=limits,
     )
     iterates = {name: _Iterates(name, on_iterate) for name in methods}
     ended: dict[str, MethodRun] = {}

@@ -1,6 +1,9 @@
-"""Drawing of a run for notebooks: the manoeuvres in their map, and their signals. Needs matplotlib."""
+"""A run as one figure of matplotlib: the map with its paths and vehicles, and their signals along the way."""
 
-from collections.abc import Mapping
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -8,101 +11,145 @@ import numpy as np
 from optim.model.clearance import clearance
 from optim.model.path import Path
 from optim.model.problem import Problem
-from optim.model.vehicle import body_corners
-from replay.base.style import ALARM, RECORDED, Colour, styles
+from optim.model.vehicle import Vehicle, body_corners
+from optim.numerics.arrays import Array
 
-_OBSTACLE, _OUTLINE = "#d7d7d7", "#8a8a8a"
-_BESIDE: Final = 6.0  # [m] of the map shown round the swept area of all paths
-_NO_MATPLOTLIB: Final = "run.plot() needs matplotlib: pip install matplotlib"
-RECORDED_NAME: Final = "recorded"
+_MARGIN: Final = 2.0
+"""Map shown beyond the vehicles [m]."""
+_OBSTACLE: Final = "0.82"
+_LIMIT: Final = "0.35"
+_SIZE: Final = (12.5, 7.0)
+"""Of the figure [inch]."""
 
 
-def plot_paths(problem: Problem, paths: Mapping[str, Path], title: str) -> Any:
-    """A matplotlib Figure: the map with paths and vehicles, and steering, hitch angle and clearance over arc length.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Drawn:
+    """A path as it is drawn."""
 
-    Args:
-        problem: vehicle, scene and required clearance.
-        paths: by the name of their method, or `RECORDED_NAME`; the last one is drawn on top, with its vehicles.
-        title: above the figure.
+    label: str
+    colour: tuple[float, float, float]
+    """Red, green, blue, 0 to 1."""
+    path: Path
+    width: float = 2.0
 
-    Raises ImportError, one line, where matplotlib is not installed.
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Signal:
+    """A quantity along a path: the title of its axis, its values, and the limits to draw."""
+
+    title: str
+    values: Sequence[Array]
+    """One array for each path, at its samples."""
+    limits: tuple[float, ...]
+
+
+def plot(title: str, problem: Problem, paths: Sequence[Drawn]) -> Any:
+    """A `matplotlib.figure.Figure`: map on the left; steering, hitch angle and clearance over distance on the right.
+
+    Reverse is dashed. Vehicles stand at the start, at gear changes and at the goal. Raises ImportError where
+    matplotlib is not installed.
     """
     try:
-        from matplotlib.figure import Figure  # optional, and slow to import
-    except ModuleNotFoundError:
-        raise ImportError(_NO_MATPLOTLIB) from None
-    figure = Figure(figsize=(13.0, 6.4), layout="constrained")
-    halves: Any = figure.subfigures(1, 2, width_ratios=(1.15, 1.0))
+        from matplotlib import get_backend, pyplot
+    except ImportError:
+        raise ImportError("plot needs matplotlib, and it is not installed: pip install matplotlib") from None
+    figure = pyplot.figure(figsize=_SIZE, layout="constrained")
+    halves: Any = figure.subfigures(1, 2, width_ratios=[1.15, 1.0])
     left, right = halves
-    figure.suptitle(title)
-    looks = {name: style.colour for name, style in styles(paths).items()} | {RECORDED_NAME: RECORDED.colour}
-    _draw_map(left.subplots(), problem, paths, looks)
-    _draw_signals(right.subplots(3, 1, sharex=True), problem, paths, looks)
+    _draw_map(left.subplots(), title, problem, paths)
+    _draw_signals(right, problem, paths)
+    if "inline" in get_backend():  # a notebook shows what the cell returns; what is open it would show once more
+        pyplot.close(figure)
     return figure
 
 
-def _draw_map(axes: Any, problem: Problem, paths: Mapping[str, Path], looks: Mapping[str, Colour]) -> None:
-    """Obstacles, every path, and the vehicle at the ends and gear changes of the last path."""
+def _draw_map(axes: Any, title: str, problem: Problem, paths: Sequence[Drawn]) -> None:
     for polygon in problem.scene.polygons:
-        axes.fill(polygon[:, 0], polygon[:, 1], facecolor=_OBSTACLE, edgecolor="none")
+        axes.fill(*polygon.T, facecolor=_OBSTACLE, edgecolor="0.6", linewidth=0.5, zorder=1)
     if problem.scene.boundary is not None:
-        outline = np.concatenate([problem.scene.boundary, problem.scene.boundary[:1]])
-        axes.plot(outline[:, 0], outline[:, 1], color=_OUTLINE, linewidth=0.8)
-    for name, path in paths.items():
-        axes.plot(path.x, path.y, color=_rgb(looks[name]), linewidth=2.0, label=_label(name, path))
-    last = list(paths)[-1]
-    _draw_vehicles(axes, problem, paths[last], _rgb(looks[last]))
-    corners = np.concatenate(
-        [body_corners(problem.vehicle, path.samples.states).reshape(-1, 2) for path in paths.values()]
-    )
-    low, high = corners.min(axis=0) - _BESIDE, corners.max(axis=0) + _BESIDE
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=min(3, len(paths)), frameon=False)
+        axes.plot(*_closed(problem.scene.boundary).T, color="0.6", linewidth=0.8, zorder=1)
+    for level, drawn in enumerate(paths):
+        _draw_vehicles(axes, problem.vehicle, drawn, zorder=2 + level)
+        _draw_path(axes, drawn, zorder=10 + level)
+    axes.plot(*problem.recorded.start[:2], "o", color="black", markersize=7, zorder=30, label="start")
+    axes.plot(*problem.recorded.goal[:2], "s", color="black", markersize=7, zorder=30, label="goal")
+    corners = np.concatenate([body_corners(problem.vehicle, each.path.samples.states) for each in paths])
+    low, high = corners.min(axis=(0, 1, 2)) - _MARGIN, corners.max(axis=(0, 1, 2)) + _MARGIN
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.set_title(title)
+    axes.figure.legend(loc="outside lower center", ncols=4, frameon=False, title="solid: forward, dashed: reverse")
 
 
-def _draw_vehicles(axes: Any, problem: Problem, path: Path, colour: tuple[float, float, float]) -> None:
-    """Outlines of both bodies at start and goal, faint at gear changes."""
-    changes = [segment.states[-1] for segment in path.segments[:-1]]
-    for state, name in ((path.start, "start"), (path.goal, "goal"), *((state, "") for state in changes)):
-        for body in body_corners(problem.vehicle, state[None])[0]:
-            faint = 0.35 if not name else 0.9
-            axes.fill(body[:, 0], body[:, 1], facecolor=(*colour, 0.08), edgecolor=(*colour, faint), linewidth=1.2)
-        if name:
-            axes.annotate(
-                name,
-                state[:2],
-                textcoords="offset points",
-                xytext=(5, 5),
-                fontweight="bold",
-                zorder=5,
-                bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0},
-            )
+def _draw_path(axes: Any, drawn: Drawn, zorder: int) -> None:
+    for k, segment in enumerate(drawn.path.segments):
+        axes.plot(
+            segment.x,
+            segment.y,
+            color=drawn.colour,
+            linewidth=drawn.width,
+            linestyle="-" if segment.direction > 0 else (0, (4, 2)),
+            label=drawn.label if k == 0 else None,
+            zorder=zorder,
+        )
 
 
-def _draw_signals(axes: Any, problem: Problem, paths: Mapping[str, Path], looks: Mapping[str, Colour]) -> None:
-    """Steering, hitch angle and clearance at the samples, over the distance driven, with their limits."""
-    vehicle, alarm = problem.vehicle, _rgb(ALARM)
-    for name, path in paths.items():
-        near = clearance(problem.scene, vehicle, path.samples.states).min(axis=1)
-        for plot, values in zip(axes, (np.degrees(path.phi), np.degrees(path.alpha), near), strict=True):
-            plot.plot(path.s, values, color=_rgb(looks[name]), linewidth=1.6)
-    for plot, limit in zip(axes, (vehicle.max_steer, vehicle.max_hitch), strict=False):
-        for sign in (-1.0, 1.0):
-            plot.axhline(sign * np.degrees(limit), color=alarm, linewidth=1.0, linestyle="--")
-    axes[2].axhline(problem.required_clearance, color=alarm, linewidth=1.0, linestyle="--")
-    axes[2].set_ylim(bottom=min(0.0, axes[2].get_ylim()[0]))
-    labels = ("steering angle [°]", "hitch angle [°]", "clearance [m]")
-    for plot, label in zip(axes, labels, strict=True):
-        plot.set_ylabel(label)
-        plot.grid(alpha=0.25)
-    axes[2].set_xlabel("distance driven [m]; dashed: limits")
+def _draw_vehicles(axes: Any, vehicle: Vehicle, drawn: Drawn, zorder: int) -> None:
+    """Outlines of truck and trailer where the vehicle stands still; the truck's windscreen is its thick side."""
+    stops = [drawn.path.start, *(segment.states[-1] for segment in drawn.path.segments)]
+    for truck, trailer in body_corners(vehicle, np.array(stops)):
+        for outline in (truck, trailer):
+            axes.fill(*outline.T, facecolor=(*drawn.colour, 0.08), edgecolor=drawn.colour, linewidth=0.8, zorder=zorder)
+        axes.plot(*truck[1:3].T, color=drawn.colour, linewidth=2.5, zorder=zorder)
 
 
-def _label(name: str, path: Path) -> str:
-    shown = RECORDED.label if name == RECORDED_NAME else styles([name])[name].label
-    return f"{shown}, {path.length:.1f} m"
+def _draw_signals(figure: Any, problem: Problem, paths: Sequence[Drawn]) -> None:
+    signals = _signals(problem, paths)
+    all_axes = figure.subplots(len(signals), 1, sharex=True)
+    for axes, signal in zip(all_axes, signals, strict=True):
+        for limit in signal.limits:
+            axes.axhline(limit, color=_LIMIT, linewidth=1.0, linestyle=":")
+        for drawn, values in zip(paths, signal.values, strict=True):
+            _draw_signal(axes, drawn, values)
+        axes.set_ylabel(signal.title)
+        axes.grid(color="0.92")
+    all_axes[-1].set_xlabel("distance driven s [m]")
+    all_axes[0].set_title("dotted: limits and required clearance", fontsize="medium", color=_LIMIT)
 
 
-def _rgb(colour: Colour) -> tuple[float, float, float]:
-    red, green, blue = colour
-    return red / 255.0, green / 255.0, blue / 255.0
+def _draw_signal(axes: Any, drawn: Drawn, values: Array) -> None:
+    """One line for each segment: at a gear change the steering may jump."""
+    samples = drawn.path.samples
+    edges = [0, *(np.flatnonzero(np.diff(samples.segment)) + 1), len(samples.s)]
+    for first, last in itertools.pairwise(edges):
+        style = "-" if samples.direction[first] > 0 else (0, (4, 2))
+        line = samples.s[first:last], values[first:last]
+        axes.plot(*line, color=drawn.colour, linewidth=drawn.width * 0.8, linestyle=style)
+
+
+def _signals(problem: Problem, paths: Sequence[Drawn]) -> list[_Signal]:
+    vehicle, all_samples = problem.vehicle, [drawn.path.samples for drawn in paths]
+    steer, hitch = (math.degrees(limit) for limit in (vehicle.max_steer, vehicle.max_hitch))
+    signals = [
+        _Signal(
+            title="steering angle φ [°]",
+            values=[np.degrees(samples.phi) for samples in all_samples],
+            limits=(-steer, steer),
+        ),
+        _Signal(
+            title="hitch angle α [°]",
+            values=[np.degrees(samples.states[:, 3]) for samples in all_samples],
+            limits=(-hitch, hitch),
+        ),
+    ]
+    if problem.scene.polygons:
+        free = [clearance(problem.scene, vehicle, samples.states).min(axis=1) for samples in all_samples]
+        signals.append(_Signal(title="clearance [m]", values=free, limits=(problem.required_clearance,)))
+    return signals
+
+
+def _closed(outline: Array) -> Array:
+    return np.concatenate([outline, outline[:1]])

@@ -7,12 +7,14 @@ import traceback
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Self
 
 from numba.core import event
 
 from optim.model.method import Method
 from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Result
+from replay.run.limits import Limits
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -116,6 +118,24 @@ def _place(error: BaseException) -> str:
     """File, with the folder that it is in, and line where an exception was raised."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     return f"{'/'.join(pathlib.PurePath(last.filename).parts[-2:])}:{last.lineno}"
+
+
+class InTurn:
+    """Runs methods in this process, one after the other; a `SolveEach`, and a context manager as `Workers` is."""
+
+    def __init__(self, limits: Limits) -> None:
+        """Of the limits, that of time is kept, at the method's next iterate."""
+        self.limits = limits
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def __call__(
+        self, problem: Problem, methods: Mapping[str, Method], on_start: OnStart, on_iterate: OnNamedIterate
+    ) -> Generator[tuple[str, Solved]]:
+        return solve_in_turn(problem, methods, on_start, on_iterate, time_limit=self.limits.time_s)
 
 
 def solve_in_turn(

@@ -139,6 +139,7 @@ class Workers:
 
     def __init__(self, limits: Limits = NO_LIMITS, jobs: int = 1, meanwhile: Callable[[], None] = lambda: None) -> None:
         """`jobs` children at most; `meanwhile` is called once all of them have work, each time methods are run."""
+        self.limits = limits
         self._workers = tuple(Worker(limits) for _ in range(jobs))
         self._meanwhile = meanwhile
 

@@ -29,8 +29,8 @@ MAX_TYPES: Final = 1024
 """Most messages of a set."""
 MAX_MESSAGE: Final = 16 << 20
 """Largest message [bytes]: a grid of 4000 x 4000 cells, and no more than memory can hold of empty parts."""
-MAX_UNKNOWN: Final = 1 << 20
-"""Most bytes of fields that the definition does not have: they cost more than they say."""
+MAX_UNKNOWN: Final = 1 << 16
+"""Most bytes of a message in fields that its definition does not have: each costs far more time than a known one."""
 _KINDS: Final = {
     FieldDescriptor.TYPE_DOUBLE: "double",
     FieldDescriptor.TYPE_FIXED32: "fixed32",
