@@ -73,7 +73,7 @@ def test_every_package_imported_is_a_declared_dependency() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = [line for extra, lines in project["optional-dependencies"].items() if extra != "dev" for line in lines]
     declared = {_canonical(re.split(r"[<>=\[]", line)[0]) for line in [*project["dependencies"], *extras]}
-    modules = {"rerun": "rerun-sdk", "rerun_cli": "rerun-sdk", "fsspec": "s3fs"}
+    modules = {"rerun": "rerun-sdk", "rerun_cli": "rerun-sdk", "fsspec": "s3fs", "google": "protobuf"}
     for name in ("optim", "replay"):
         for path in (ROOT / name).rglob("*.py"):
             for module in _imports(path):
@@ -87,7 +87,7 @@ def test_every_dependency_is_used() -> None:
     used = {
         module.partition(".")[0] for name in ("optim", "replay") for module in _imports(*(ROOT / name).rglob("*.py"))
     }
-    modules = {"rerun-sdk": "rerun"}
+    modules = {"rerun-sdk": "rerun", "protobuf": "google"}
     for line in project["dependencies"]:
         name = _canonical(re.split(r"[<>=\[]", line)[0])
         assert modules.get(name, name.replace("-", "_")) in used, f"{name} is not imported"
