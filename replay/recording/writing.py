@@ -33,12 +33,12 @@ class Unwritable(Exception):
     """The file does not hold what was written to it."""
 
 
-@contextlib.contextmanager
 def warm_up() -> None:
     """Make one archetype, so that pyarrow loads what it needs (pandas too, where it is installed)."""
     rr.Transform3D(mat3x3=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
+@contextlib.contextmanager
 def _strict() -> Iterator[None]:
     """Mistakes in calls of Rerun are errors within the block, as they were outside of it."""
     before = rr.strict_mode()
