@@ -78,9 +78,10 @@ def test_other_code_and_what_comes_afterwards_do_not_count(made, tmp_path):
 def test_the_way_of_a_log_is_counted_in_one_process():
     words = [sys.executable, "tools/call_path.py", "recordings/lot_01.mcap", "--method", "shortcut", "--list"]
     found = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
-    *listed, last = found.stdout.splitlines()
-    counts = re.fullmatch(r"(\d+) files, (\d+) functions, (\d+) moves between files", last)
+    files, pairs, last = (part.splitlines() for part in found.stdout.split("\n\n"))
+    counts = re.fullmatch(r"(\d+) files, (\d+) functions, (\d+) moves between files", last[-1])
     assert counts is not None
-    assert int(counts[1]) == len(listed)
-    assert int(counts[2]) == sum(int(line.split()[0]) for line in listed)
-    assert any(line.endswith(" optim/methods/shortcut.py") for line in listed), "the method ran in this process"
+    assert int(counts[1]) == len(files)
+    assert int(counts[2]) == sum(int(line.split()[0]) for line in files)
+    assert int(counts[3]) >= sum(int(line.split()[0]) for line in pairs) > 0
+    assert any(line.endswith(" optim/methods/shortcut.py") for line in files), "the method ran in this process"

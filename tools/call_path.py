@@ -32,6 +32,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 PACKAGES = ("optim", "replay")
+MOST_PAIRS = 20
+"""Pairs of files that --list prints, those with most moves."""
 _INNER = ("<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>", "<module>")
 
 
@@ -42,7 +44,8 @@ class Counter:
         self.folders = tuple(folders)
         self.functions: collections.Counter[tuple[str, str]] = collections.Counter()
         """Calls of each function, by file and qualified name."""
-        self.moves = 0
+        self.between: collections.Counter[tuple[str, str]] = collections.Counter()
+        """Moves from one file to another."""
         self._at = ""  # the file of the project that control is in, or was in last
         self._files: dict[str, str] = {}
 
@@ -57,7 +60,8 @@ class Counter:
         if event == "return":
             self._at = (frame.f_back and self._own(frame.f_back.f_code)) or self._at
             return
-        self.moves += file != self._at and self._at != ""
+        if self._at not in ("", file):
+            self.between[self._at, file] += 1
         self._at = file
         if code.co_name not in _INNER:
             self.functions[file, code.co_qualname] += 1
@@ -69,6 +73,11 @@ class Counter:
             is_own = code.co_filename.startswith(self.folders)
             file = self._files[code.co_filename] = code.co_filename if is_own else ""
         return file
+
+    @property
+    def moves(self) -> int:
+        """Moves between files."""
+        return self.between.total()
 
     @property
     def files(self) -> collections.Counter[str]:
@@ -98,11 +107,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for step in steps:
                 step()
     if options.listing:
-        root = os.path.commonpath(folders)
-        for file, count in sorted(counter.files.items()):
-            print(f"{count:5}  {os.path.relpath(file, root)}")
+        print_lists(counter, os.path.commonpath(folders))
     print(f"{len(counter.files)} files, {len(counter.functions)} functions, {counter.moves} moves between files")
     return 0
+
+
+def print_lists(counter: Counter, root: str) -> None:
+    """Print each file with its number of functions, then the pairs of files with most moves."""
+    for file, count in sorted(counter.files.items()):
+        print(f"{count:5}  {os.path.relpath(file, root)}")
+    print()
+    for (start, end), count in counter.between.most_common(MOST_PAIRS):
+        print(f"{count:5}  {os.path.relpath(start, root)} -> {os.path.relpath(end, root)}")
+    print()
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -111,7 +128,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--method", default="scp", help="name of the method (default: %(default)s)")
     parser.add_argument("--recording", action="store_true", help="write the Rerun recording too")
     parser.add_argument("--command", action="store_true", help="call the command line instead of the functions")
-    parser.add_argument("--list", action="store_true", dest="listing", help="print each file's number of functions")
+    parser.add_argument(
+        "--list",
+        action="store_true",
+        dest="listing",
+        help="print each file's number of functions, and the files between which control moves most",
+    )
     return parser
 
 

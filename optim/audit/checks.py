@@ -35,7 +35,7 @@ from optim.audit.data import (
     Array,
     Float64,
     PathData,
-    Refusal,
+    Unreadable,
     VehicleData,
     read_path,
     read_scene,
@@ -46,25 +46,25 @@ from optim.audit.motion import BODIES, Sweep, integrate, sweep
 from optim.audit.report import AuditReport, Check, at_least, at_most
 
 ROUNDING = 1e-9
-"""What the spacing may exceed its limit by [m], since arc lengths are sums."""
+"""Tolerance of the limit on spacing [m], since arc lengths are sums."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerances:
-    """How far a path may be off. The defaults are the project's contract."""
+    """Tolerances of the checks; the defaults are the project's contract."""
 
     defect_position: float = 1e-4
-    """Of the end of each interval, re-integrated from its stored start [m]."""
+    """Position defect at the end of each interval, re-integrated from its stored start [m]."""
     defect_angle: float = 1e-4
-    """As above, of heading and hitch angle [rad]."""
+    """Defect of heading and of hitch angle there [rad]."""
     sum_position: float = 0.010
-    """Of all position defects together [m]."""
+    """Sum of all position defects [m]."""
     sum_angle: float = 0.010
-    """Of all heading defects together, and of all hitch angle defects [rad]."""
+    """Sum of all heading defects, and of all hitch angle defects [rad]."""
     goal_position: float = 0.010
     """Distance from the recorded goal [m]."""
     goal_angle: float = math.radians(0.1)
-    """Heading and hitch angle from the recorded goal's [rad]."""
+    """Difference in heading and in hitch angle from the recorded goal [rad]."""
     limits: float = 1e-3
     """Relative excess over the limits on steering, hitch angle and steering rate [-]."""
     spacing: float = 0.1
@@ -124,7 +124,7 @@ class _Subject(NamedTuple):
     path: PathData
     recorded: PathData
     recomputed: float
-    """J of the path."""
+    """J of the path [-]."""
     reported: Any
     defects: Float64[Array, "4 M"]
     """Defects of x, y, theta, alpha in each interval [m, rad]. Shape (4, M)."""
@@ -140,8 +140,8 @@ def _audit(document: _Document, tolerances: Tolerances, wanted: Container[str]) 
     try:
         with np.errstate(all="ignore"):  # overflow ends as inf or NaN, and neither passes a check
             complete = _check_all(checks, document, tolerances, wanted)
-    except Refusal as refusal:
-        checks[refusal.name] = Check(passed=False, sentence=str(refusal), values={}, limits={})
+    except Unreadable as error:
+        checks[error.name] = Check(passed=False, sentence=str(error), values={}, limits={})
         complete = False
     return AuditReport(checks=checks, complete=complete)
 

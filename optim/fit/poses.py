@@ -66,7 +66,7 @@ class Fit:
     knots: Float64[Array, "K 5"]
     """x, y, theta, alpha, phi where the fit has them; for a second fit. Shape (K, 5)."""
     lengths: Float64[Array, " _"]
-    """Of the path between neighbouring poses [m]. Shape (n - 1,)."""
+    """Length of the path between neighbouring poses [m]. Shape (n - 1,)."""
 
 
 def fit_path(

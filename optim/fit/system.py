@@ -43,12 +43,12 @@ class FitOptions:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Bounds:
-    """What a fit is to keep besides the kinematics."""
+    """Constraints of a fit besides the kinematics."""
 
     limits: bool = True
-    """Those of the vehicle: steering, its rate, hitch angle."""
+    """Whether to keep the vehicle's limits: steering, its rate, hitch angle."""
     scene: Scene | None = None
-    """Obstacles to keep clear of; None: of none."""
+    """Obstacles to keep clear of, if any."""
     clearance: float = 0.02
     """Distance to keep from them at samples [m]; between samples it is some millimetres less."""
 
@@ -123,14 +123,14 @@ def goal_hitch_sigma(problem: FitProblem, knots: Array, lengths: Array) -> float
 
 
 def _factors(free: Any, hard: Any) -> Any:
-    """Of the optimality system of: |free step - right|^2 least, hard step = gap."""
+    """Factors of the optimality system of: |free step - right|^2 least, hard step = gap."""
     # the small diagonal blocks keep the factorisation sound where a direction carries no information
     normal = (free.T @ free + 1e-9 * sparse.identity(free.shape[1])).tocsc()
     return splu(sparse.bmat([[normal, hard.T], [hard, -1e-12 * sparse.identity(hard.shape[0])]], format="csc"))
 
 
 def step_lengths(layout: Layout, lengths: Array) -> Array:
-    """Of each step [m], from those between neighbouring poses (n - 1,). Shape (M,)."""
+    """Length of each step [m], from those between neighbouring poses (n - 1,). Shape (M,)."""
     return lengths[layout.interval] / layout.pieces[layout.interval]
 
 

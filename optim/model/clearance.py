@@ -112,7 +112,7 @@ def separations(scene: Scene, vehicle: Vehicle, states: Array, reach: float, mos
     At most the `most` nearest polygons of each body in each state; the nearest is always among them.
     """
     table = separation_table(scene.packed, vehicle.footprints, vehicle.hitch_offset, states, reach, most)
-    knot, body, polygon = (frozen_int(table[:, column]) for column in range(3))
+    knot, body, polygon = frozen_int(table[:, :3].T)
     return Separations(knot, body, polygon, frozen(table[:, 3]), frozen(table[:, 4:]))
 
 

@@ -20,7 +20,7 @@ BEYOND_AXLES: Final = MappingProxyType(
 _LONGEST = 100.0  # [m]: no road vehicle's part is longer; catches millimetres
 _MOST_STEERING = 36.0  # [rad] over one wheelbase: 1 rad/s of a truck that creeps at 0.1 m/s; catches degrees per metre
 _WHEEL = 0.5  # [m]: a body may end by a wheel's radius before its axle
-_EXTENT = (0.0, _LONGEST)  # [m]: smallest and largest value of the fields that are not among the following
+_EXTENT = (0.0, _LONGEST)  # [m]: range of the fields that _RANGES does not name
 _RANGES: Final = MappingProxyType(
     {
         "max_steer": (0.01, 1.5),
@@ -32,7 +32,7 @@ _RANGES: Final = MappingProxyType(
         "truck_width": (0.05, 20.0),
         "trailer_width": (0.05, 20.0),
     }
-)  # smallest and largest value of a field
+)  # smallest and largest value
 
 
 @dataclass(frozen=True, kw_only=True)

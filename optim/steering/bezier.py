@@ -92,7 +92,7 @@ def curve_load(c, count, stride, slowest, stop, lim):
     than a right angle between two samples has a cusp: load inf. A longer stride, prime to count + 1, takes the same
     samples in another order: most candidates fail, neighbours are alike, and so it comes sooner to a bad one.
     `slowest` is the lower bound of |B'|. The trapezoidal rule is of order four for the length here, since B' and B''
-    are orthogonal at the ends. count and stride are floats: a kernel is compiled anew for every literal int.
+    are orthogonal at the ends. count and stride are floats: a kernel is compiled again for every literal int.
     """
     worst, before, value, length = 0.0, 0.0, 0.0, 0.0
     dx, dy = 1.0, 0.0

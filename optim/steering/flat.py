@@ -118,7 +118,7 @@ def ramp_load(k0, s0, k1, length, count, stop, lim):
     """Largest load on a cubic ramp from (k0, s0) to (k1, 0), from count + 1 samples and the parabolas through them.
 
     The end is looked at first; returns at the first sample above `stop`. The count is a float: a kernel is
-    compiled anew for every literal int.
+    compiled again for every literal int.
     """
     c2, c3 = hermite(k0, s0, k1, 0.0, length)
     worst, before, value = 0.0, 0.0, 0.0
