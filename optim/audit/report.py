@@ -21,6 +21,9 @@ class Check:
     place: Place | None = None
     """Where it is worst."""
 
+    def __repr__(self) -> str:
+        return f"Check({'passed' if self.passed else 'failed'}: {self.sentence})"
+
     @property
     def deciding(self) -> str | None:
         """Name of the value nearest to its limit, or farthest beyond; where a body is at the place, of that body's.
