@@ -58,6 +58,22 @@ def test_the_number_of_threads_is_one_whatever_the_environment_says(monkeypatch:
     assert {os.environ[name] for name in THREADS} == {"1"}
 
 
+def test_libraries_that_are_loaded_already_work_on_one_thread_and_get_theirs_back() -> None:
+    script = """
+import numpy, threadpoolctl
+from replay.base.threads import one_thread
+def most(): return max(library["num_threads"] for library in threadpoolctl.threadpool_info())
+for _ in range(2):
+    with one_thread():
+        print(most(), end=" ")
+    print(most(), end=" ")
+"""
+    environment = {name: value for name, value in os.environ.items() if not name.endswith("_THREADS")}
+    said = subprocess.check_output([sys.executable, "-c", script], env=environment, text=True).split()
+    cores = str(len(os.sched_getaffinity(0)))
+    assert said == ["1", cores, "1", cores]
+
+
 def test_no_command_loads_numpy_before_the_number_of_threads_is_set() -> None:
     script = "import sys, replay.cli; sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", script]).returncode == 0
