@@ -17,7 +17,7 @@ class Check:
     """For people: what was found, and its limit."""
     values: Mapping[str, float]
     limits: Mapping[str, float]
-    """Of those values that decide."""
+    """Limits of the values that decide."""
     place: Place | None = None
     """Where it is worst."""
 

@@ -79,9 +79,9 @@ class Result:
     reason: str
     """One sentence for the user."""
     iterations: int
-    """In the method's own counting, those that were turned down among them."""
+    """In the method's own counting, rejected ones included."""
     picture: Picture | None = None
-    """Of methods that move points through a map of costs."""
+    """For methods that move points through a map of costs."""
 
 
 OnIterate = Callable[[Iterate], None]
