@@ -1,4 +1,4 @@
-"""What a recording shows of iterates: residuals, costs, trials that were turned down, signals by iteration."""
+"""What a recording shows of iterates: residuals, costs, rejected trials, signals by iteration."""
 
 import numpy as np
 import pytest
@@ -75,11 +75,11 @@ def test_a_trial_that_was_turned_down_is_marked_and_moves_neither_the_path_nor_i
     assert numbers == turned_down
     for k, mark in zip(turned_down, marks, strict=True):
         assert mark == costs[k] == costs[k - 1] == history[k - 1].objective
-    assert "turned down" in iterative_read.text("/report/convergence")
+    assert "rejected trial" in iterative_read.text("/report/convergence")
 
 
 def test_a_rise_of_j_is_explained_where_a_method_began_anew(iterative: Run, iterative_read: Contents) -> None:
-    explanation = "a method began anew"
+    explanation = "a method started again"
     assert explanation not in iterative_read.text("/report/convergence")
     steps = factory.towards((8.0, 0.34), 4)
     anew = factory.make_run({"scp": factory.Iterative(steps[-1], [*steps[:-1], *steps[:-1]])})

@@ -233,4 +233,4 @@ def test_the_summary_names_methods_that_are_as_good(tmp_path: pathlib.Path) -> N
     lines = summary.splitlines()
     best, other = ("DDP", "SCP") if "DDP" in lines[0] else ("SCP", "DDP")
     assert lines[0].startswith(f"# ✓ {best} improved the path")
-    assert lines[6] == f"As good within 0.1 %: {other}"
+    assert lines[6] == f"Equally good (within 0.1 %): {other}"

@@ -227,6 +227,31 @@ def test_a_flipped_bit_is_an_error_or_a_document_that_can_be_audited(
         audit_results(read_results(path))
 
 
+ODD = [None, True, "x", "\ud800", 10**400, -1, 1.5, 1e308, [], {}, [None], {"a": 1}, {"\ud800": 1}, [[1, 2]]]
+
+
+def places(tree: Any, limit: int = 3) -> list[tuple[Any, ...]]:
+    """Where something may be put: every key, and the first items of lists."""
+    items = list(tree.items()) if isinstance(tree, dict) else list(enumerate(tree))[:limit]
+    deeper = [(key, *rest) for key, value in items if isinstance(value, (dict, list)) for rest in places(value, limit)]
+    return [(key,) for key, _ in items] + deeper
+
+
+@settings(max_examples=300, deadline=None)
+@given(data=st.data(), value=st.sampled_from(ODD))
+def test_any_value_anywhere_is_one_line_or_a_document_that_can_be_audited_and_rebuilt(
+    stored: Document, data: st.DataObject, value: Any
+) -> None:
+    *keys, last = data.draw(st.sampled_from(places(stored)))
+    node = document = copy.deepcopy(stored)
+    for key in keys:
+        node = node[key]
+    node[last] = value
+    for use in (audit_results, lambda each: run_of(each, "changed")):
+        with contextlib.suppress(ReplayError):
+            use(results_of(document, "changed"))
+
+
 @pytest.mark.parametrize(
     "document",
     [{}, {"segments": 3}, {"segments": [{}]}, {"segments": []}, {"segments": [{"direction": 1, "s": "ab"}]}, []],

@@ -217,7 +217,7 @@ def test_a_sound_path_is_better_than_a_recorded_one_that_is_not_whatever_its_cos
     assert method.metrics.objective > run.recorded_metrics.objective
     assert method.reason.startswith("It passes the audit (J 34), which the recorded path (J 21) does not.")
     assert run.best is method
-    assert "answer is sound, the recorded path is not: J 34.00 instead of 21.00" in verdict(run)
+    assert "the recorded path fails the audit, answer's passes: J 34.00 instead of 21.00" in verdict(run)
 
 
 @pytest.mark.parametrize("count", [1, 2, MOST_ITERATES - 1, MOST_ITERATES, MOST_ITERATES + 1, 5003])
@@ -297,7 +297,7 @@ def test_of_equal_paths_the_first_is_the_best_whatever_took_longer_and_the_other
     assert [method.status for method in run.methods] == ["improved"] * 3
     assert run.best is run.methods[0]
     assert [method.name for method in run.as_good] == ["quick", "same"]
-    assert remarks(run)[-1] == "as good within 0.1%: quick, same"
+    assert remarks(run)[-1] == "equally good (within 0.1 %): quick, same"
 
 
 def test_it_is_said_whether_what_stands_is_safe():

@@ -17,9 +17,12 @@ class Check:
     """For people: what was found, and its limit."""
     values: Mapping[str, float]
     limits: Mapping[str, float]
-    """Of those values that decide."""
+    """Limits of the values that decide."""
     place: Place | None = None
     """Where it is worst."""
+
+    def __repr__(self) -> str:
+        return f"Check({'passed' if self.passed else 'failed'}: {self.sentence})"
 
     @property
     def deciding(self) -> str | None:

@@ -61,6 +61,9 @@ class Segment:
         if self.s[0] != 0.0 or (np.diff(self.s) <= 0.0).any():
             raise ValueError("segment: s must start at 0 and increase strictly")
 
+    def __repr__(self) -> str:
+        return f"Segment({self.direction * self.length:+.2f} m, {self.num_samples} samples)"
+
     @cached_property
     def states(self) -> Array:
         """Columns x, y, theta, alpha. Shape (n, 4)."""

@@ -29,6 +29,9 @@ class Problem:
     It has the ends of the recorded path (the last heading up to full turns) and keeps the required clearance, which
     stays that of the recorded path."""
 
+    def __repr__(self) -> str:
+        return f"Problem(recorded {self.recorded!r}, {self.scene!r}, margin {self.margin:g} m)"
+
     @property
     def initial(self) -> Path:
         """The path that a method begins with, and returns where it finds nothing better."""

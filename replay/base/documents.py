@@ -147,7 +147,7 @@ class _Found(NamedTuple):
     """What is expected there."""
 
 
-_TOLD = re.compile(r"(?P<what>.*?)(?: - at `\$(?P<at>.*)`)?", re.DOTALL)
+_MESSAGE = re.compile(r"(?P<what>.*?)(?: - at `\$(?P<at>.*)`)?", re.DOTALL)
 _STEP = re.compile(r"\.(?P<name>[^.\[]+)|\[(?P<index>\d+)\]|(?P<any>\[\.\.\.\])")
 _WORDS = {
     "float": "a number",
@@ -160,9 +160,9 @@ _WORDS = {
 }
 
 
-def _line(told: str, data: object, kind: Any, at: str) -> str:
-    """What msgspec says in one line, with the place and the value that it is about."""
-    match = _TOLD.fullmatch(told)
+def _line(message: str, data: object, kind: Any, at: str) -> str:
+    """The message of msgspec as one line, with the place and the value that it is about."""
+    match = _MESSAGE.fullmatch(message)
     assert match is not None
     what, found = match["what"], _Found(at, data, kind)
     for step in _STEP.finditer(match["at"] or ""):
@@ -210,7 +210,7 @@ def _joined(place: str, name: str) -> str:
 
 
 def _concrete(found: _Found) -> Any:
-    """Of a union the member that the value is meant to be: an object's, a list's, or the first."""
+    """The member of a union that the value is meant to be: that for an object, for a list, or the first."""
     kind = found.kind
     if get_origin(kind) is Annotated:
         kind = get_args(kind)[0]

@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterable
 from typing import Final
 
-ERROR_LENGTH = 1200  # characters; a longer line no longer tells anybody anything
+ERROR_LENGTH = 1200  # characters; nobody reads a longer line
 
 
 def printable(text: object, limit: int = 200) -> str:

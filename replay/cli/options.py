@@ -115,7 +115,7 @@ def flag_class(options: Iterable[Option], group: Group) -> type:
 
 @dataclasses.dataclass(frozen=True)
 class NotGiven:
-    """The default of every flag, so that a flag that was given can be told from one that was not."""
+    """The default of every flag, so that given flags can be distinguished from others."""
 
     default: Any
     """What the option has then."""

@@ -17,7 +17,7 @@ class Origin:
     source: str
     """The results file."""
     sha256: str
-    """Of its log."""
+    """Digest of its log."""
     case: str
     """Its request, as STEM/0."""
     tool: ToolDocument
@@ -45,7 +45,7 @@ class Origin:
         """Programs of another version than then: numbers may differ."""
         now = program()
         then = {"replay": self.tool.version, **self.tool.packages}
-        here = {"replay": now["version"], **now["packages"]}
+        here = {"replay": now.version, **now.packages}
         return [f"{name} {then[name]} then, {here[name]} now" for name in here if then.get(name) != here[name]]
 
 

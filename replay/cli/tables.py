@@ -28,7 +28,7 @@ def verdict(run: Run) -> str:
     if after.cusps != before.cusps:
         gains.append(f"{gear_changes(after.cusps)} instead of {before.cusps:.0f}")
     if not run.recorded_audit.passed:
-        return f"{run.case.name}: {best.name} is sound, the recorded path is not: {', '.join(gains)}"
+        return f"{run.case.name}: the recorded path fails the audit, {best.name}'s passes: {', '.join(gains)}"
     share = f"{saved:.1%}" if saved >= 0.001 else "less than 0.1%"
     return f"{run.case.name}: {best.name} is {share} better: {', '.join(gains)}"
 
@@ -42,7 +42,7 @@ def remarks(run: Run) -> list[str]:
     asked = "" if math.isinf(best.metrics.min_clearance) else f" (required {required:.3f} m)"
     lines = [f"safe: it passes the audit, {_clearance(best.metrics)}{asked}"]
     if run.as_good:
-        lines.append(f"as good within {AS_GOOD:.1%}: {', '.join(method.name for method in run.as_good)}")
+        lines.append(f"equally good (within {100.0 * AS_GOOD:g} %): {', '.join(method.name for method in run.as_good)}")
     return lines
 
 

@@ -1,7 +1,7 @@
 """A run as a Rerun recording, with its blueprint in the same file. Only this package knows Rerun.
 
 Timelines: `progress` (0 to 1000, gear changes aligned where the paths have as many; every view lives on it),
-`arc_cm` (distance driven, cm), `iteration` (0 for the start, then one step for each iterate a method told of).
+`arc_cm` (distance driven, cm), `iteration` (0 for the start, then one step for each iterate).
 Entities, with <path> = recorded or a method's name (- for a chain's +):
 
     /scene/map, obstacles, ends, scale, legend                           static

@@ -74,7 +74,7 @@ def _of(track: Track, *parts: str) -> list[str]:
 
 
 def everything() -> rrb.TimeAxis:
-    """All of the timeline: unless told so, the viewer shows 1000 steps either side of the cursor."""
+    """All of the timeline: by default, the viewer shows 1000 steps either side of the cursor."""
     whole = rr.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
     return rrb.TimeAxis(view_range=whole)
 
@@ -216,7 +216,7 @@ def _residuals(content: Content) -> rrb.Vertical:
 
 
 def _with_room(plot: Plot) -> Plot:
-    """Of its height, a part for a legend of up to four names."""
+    """Share of the height for a legend of up to four names."""
     if plot.y_range is None:
         return plot
     low, high = plot.y_range

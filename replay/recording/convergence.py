@@ -1,6 +1,6 @@
 """The plots over a method's iterations: J, what decided convergence, trust region, time inside a foreign solver.
 
-A trial that was turned down moves nothing: the plot of J goes on at the level of the path that stands, with a mark.
+A rejected trial moves nothing: the plot of J goes on at the level of the path that stands, with a mark.
 """
 
 import math
@@ -39,7 +39,7 @@ class Curve(NamedTuple):
     iterations: list[int]
     values: Array
     turned_down: list[bool]
-    """Which values are of trials that were turned down."""
+    """Which values belong to rejected trials."""
 
 
 class Level(NamedTuple):
@@ -55,7 +55,7 @@ class Plot(NamedTuple):
     """One plot and what is in it."""
 
     parts: tuple[str, ...]
-    """Of its entity path."""
+    """Parts of its entity path."""
     title: str
     curves: list[Curve]
     level: Level | None = None
@@ -106,7 +106,7 @@ def _residual(tracks: list[Track], parts: tuple[str, ...], title: str, value: Ca
 
 
 def _accepted(tracks: list[Track], parts: tuple[str, ...], title: str, value: Callable[[_Row], float]) -> Plot:
-    """What trials that were turned down say nothing about."""
+    """A plot of accepted iterates alone: rejected trials say nothing about it."""
     return _plot(tracks, parts, title, lambda row: value(row) if row.iterate.accepted else math.nan)
 
 
@@ -148,7 +148,7 @@ def _log10(value: float, least: float = 0.0) -> float:
 
 
 def log_plots(rec: rr.RecordingStream, plots: list[Plot]) -> None:
-    """Lines in the methods' colours, marks at trials that were turned down, levels from end to end."""
+    """Lines in the methods' colours, marks at rejected trials, levels from end to end."""
     for plot in plots:
         for curve in plot.curves:
             _log_curve(rec, plot, curve)
@@ -172,6 +172,6 @@ def _log_curve(rec: rr.RecordingStream, plot: Plot, curve: Curve) -> None:
         numbers = [curve.iterations[k] for k in marked]
         rec.send_columns(path, iteration_columns(numbers, track), rr.Scalars.columns(scalars=values[marked]))
         look = rr.SeriesPoints(
-            colors=[track.style.colour], names=[f"{label}: turned down"], markers=["cross"], marker_sizes=[6.0]
+            colors=[track.style.colour], names=[f"{label}: rejected"], markers=["cross"], marker_sizes=[6.0]
         )
         rec.log(path, look, static=True)

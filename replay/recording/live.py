@@ -63,7 +63,7 @@ class LiveRecording:
         rec.send_blueprint(_blueprint(frame, legend, list(self._looks)))
 
     def iterate(self, name: str, iterate: Iterate) -> None:
-        """Show an iterate; trials that were turned down lead nowhere."""
+        """Show an iterate, unless it is a rejected trial."""
         step = next(self._steps[name])
         if not iterate.accepted:
             return

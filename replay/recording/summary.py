@@ -45,7 +45,7 @@ def _verdict(tracks: list[Track], best: Track | None, required: float) -> list[s
     percent = change(before.objective, after.objective)
     gain = f"improved the path: J {percent}"
     if not tracks[0].audit.passed:
-        gain = f"is sound, the recorded path is not (J {percent})"
+        gain = f"passes the audit, the recorded path fails it (J {percent})"
     detail = (
         f"J {cost[0]} → {cost[1]}, {length[0]} → {length[1]} m, {before.cusps:g} → {count(after.cusps, 'gear change')}"
     )
@@ -74,7 +74,7 @@ def _comparison(tracks: list[Track], best: Track | None) -> str:
     rows = [
         ["", *(cell(track.style.label) for track in tracks)],
         ["Improved", *(_mark(track) for track in tracks)],
-        metric("**J** (less is better)", "objective", 1),
+        metric("**J** (lower is better)", "objective", 1),
         metric("Length [m]", "length", 1),
         metric("Gear changes", "cusps", 0),
         metric("Clearance [m]", "min_clearance", 2),
@@ -97,7 +97,7 @@ def _mark(track: Track) -> str:
 def _as_good(run: Run, tracks: list[Track]) -> list[str]:
     """Other methods that are as good: the time that they take may decide then."""
     names = [cell(track.style.label) for track in tracks if track.run in run.as_good]
-    return ["", f"As good within {100.0 * AS_GOOD:g} %: {', '.join(names)}"] if names else []
+    return ["", f"Equally good (within {100.0 * AS_GOOD:g} %): {', '.join(names)}"] if names else []
 
 
 def _outcome(track: Track) -> str:
@@ -120,7 +120,7 @@ def _warnings(run: Run, recorded: Track) -> list[str]:
     return lines
 
 
-def _begins_anew(track: Track) -> bool:
+def _starts_again(track: Track) -> bool:
     """Whether J ever rises by a tenth of what was gained in all, as where a method solves a changed problem."""
     costs = [row.objective for row in track.run.history if row.accepted] if track.run is not None else []
     return any(after - before > 0.1 * (max(costs) - min(costs)) for before, after in itertools.pairwise(costs))
@@ -137,9 +137,9 @@ def convergence_help(tracks: list[Track]) -> str:
     if any(row.residuals for row in rows):
         lines.append("Residuals are relative to their tolerances: converged below the **red line**.")
     if not all(row.accepted for row in rows):
-        lines.append("**✗** is a trial step turned down.")
-    if any(_begins_anew(track) for track in tracks):
-        lines.append("Where J jumps up, a method began anew: new obstacles, or a segment left out.")
+        lines.append("**✗** is a rejected trial step.")
+    if any(_starts_again(track) for track in tracks):
+        lines.append("Where J jumps up, a method started again: new obstacles, or a segment left out.")
     if quiet:
         lines.append(f"No iterates: {', '.join(quiet)}.")
     return " ".join(lines)

@@ -125,7 +125,7 @@ class LiveView:
         self._guarded(start)
 
     def iterate(self, name: str, iterate: Iterate) -> None:
-        """A method has told an iterate."""
+        """A method has reported an iterate."""
         recording = self._recording
         if recording is not None:
             self._guarded(lambda: recording.iterate(name, iterate))

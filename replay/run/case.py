@@ -59,7 +59,7 @@ class Case:
     """File stem and number of the request, such as ``bay_01/0``."""
     log: pathlib.Path
     sha256: str
-    """Of the whole log file, in hexadecimal digits."""
+    """Digest of the whole log file, in hexadecimal digits."""
     problem: Problem
     read: ReadReport
     map: MapImage | None

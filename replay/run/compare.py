@@ -38,7 +38,7 @@ class Side:
 
     @property
     def names(self) -> list[str]:
-        """What it has."""
+        """Names of its paths."""
         return [RECORDED, *(method.name for method in self.run.methods)]
 
 
@@ -49,7 +49,7 @@ class Entry:
     method: str
     status: str
     values: Mapping[str, float]
-    """Of each of `QUANTITIES`; nan where there is none."""
+    """Value of each of `QUANTITIES`; NaN where there is none."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -33,7 +33,7 @@ class Confirmation:
     """The audit of one path of a results file, repeated, beside what the file says of it."""
 
     name: str
-    """Of the method; "recorded" for the recorded path."""
+    """Name of the method; "recorded" for the recorded path."""
     report: AuditReport
     """From the file's vehicle, scene and paths alone."""
     differences: tuple[str, ...]
@@ -80,7 +80,7 @@ def _problem(document: ResultsDocument) -> Problem | None:
 
 
 def _measured(problem: Problem | None, path: Mapping[str, Any]) -> Metrics | None:
-    """The metrics of a path; None where it or the problem cannot be used, which the audit tells by itself."""
+    """The metrics of a path; None where it or the problem cannot be used, which the audit reports by itself."""
     if problem is None:
         return None
     try:

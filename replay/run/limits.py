@@ -15,11 +15,11 @@ class Limits:
     """Limits of one method."""
 
     time_s: float = math.inf
-    """Of solving, compiling not counted [s]."""
+    """Time for solving, compiling not counted [s]."""
     by_processor: bool = False
     """Whether that is time of the processor, which does not depend on what else the machine does."""
     memory_mib: int | None = None
-    """Of data that the process may hold [MiB]; only systems with RLIMIT_DATA keep it."""
+    """Memory for data that the process may hold [MiB]; only systems with RLIMIT_DATA keep it."""
 
     @property
     def watch_s(self) -> float:

@@ -55,9 +55,9 @@ class MethodRun:
     """One sentence for the user; of whatever decided the status."""
     path: Path
     metrics: Metrics
-    """Of `path`."""
+    """Metrics of `path`."""
     audit: AuditReport
-    """Of `path`."""
+    """Audit of `path`."""
     iterations: int
     wall_s: float
     """Time that the method took [s]; neither the audit nor compilation is included."""
@@ -74,7 +74,7 @@ class MethodRun:
     compile_s: float = 0.0
     """Time that went into compiling kernels [s]; once on each machine, and again after a change of the code."""
     traceback: str = ""
-    """Of an exception, for developers."""
+    """Traceback of an exception, for developers."""
 
     def __repr__(self) -> str:
         found = f"{shape_of(self.metrics)}, {self.wall_s:.2f} s"
@@ -90,7 +90,7 @@ class Run:
     recorded_audit: AuditReport
     methods: tuple[MethodRun, ...]
     options: Mapping[str, Mapping[str, Any]]
-    """Of each method by its name: option -> value; of a chain, each part's."""
+    """Options of each method by its name; of a chain, those of each part."""
     seed: int = 0
     """Noted, not used: seeds are options of the methods."""
     limits: Limits | None = None

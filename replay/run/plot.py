@@ -19,7 +19,7 @@ _MARGIN: Final = 2.0
 _OBSTACLE: Final = "0.82"
 _LIMIT: Final = "0.35"
 _SIZE: Final = (12.5, 7.0)
-"""Of the figure [inch]."""
+"""Width and height of the figure [inch]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

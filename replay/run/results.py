@@ -56,8 +56,8 @@ def to_document(run: Run) -> ResultsDocument:
 
 def _tool(run: Run) -> ToolDocument:
     limits = run.limits
-    return ToolDocument(
-        **program(),
+    return msgspec.structs.replace(
+        program(),
         options=run.options,
         seed=run.seed,
         reading=msgspec.UNSET if run.case.reading is None else run.case.reading,
@@ -65,10 +65,10 @@ def _tool(run: Run) -> ToolDocument:
     )
 
 
-def program() -> dict[str, Any]:
-    """Versions of the program and of its packages, as the fields of `ToolDocument`."""
+def program() -> ToolDocument:
+    """Versions of the program and of its packages."""
     versions = {name: installed_version(name) for name in PACKAGES}
-    return {"version": installed_version(DISTRIBUTION), "packages": versions, "python": platform.python_version()}
+    return ToolDocument(version=installed_version(DISTRIBUTION), packages=versions, python=platform.python_version())
 
 
 def _method(method: MethodRun) -> MethodDocument:

@@ -1,8 +1,8 @@
-"""Running methods in child processes, so that a crash, a hang or a hunger for memory costs one method and no more.
+"""Running methods in child processes, so that a crash, a hang or a shortage of memory costs one method and no more.
 
 A child is forked once, and again after it had to be ended or has died; it stays warm between methods. It gets a
 problem and a method, and sends iterates and the outcome back. Ctrl-C is the parent's business: the child ignores it
-and is killed. When the parent dies, the child is ended by the system (Linux), or ends with its next word.
+and is killed. When the parent dies, the child is ended by the system (Linux), or ends with its next message.
 """
 
 import contextlib
@@ -57,7 +57,7 @@ class Worker:
         self._on_iterate: OnIterate = ignore
 
     def begin(self, problem: Problem, method: Method, on_iterate: OnIterate) -> None:
-        """Give a method to the child, which has none; `step` hears what comes of it."""
+        """Give a method to the child, which has none; `step` returns what comes of it."""
         pipe = self._ready()
         self._clock, self._on_iterate = _Clock(self.limits.watch_s), on_iterate
         with contextlib.suppress(BrokenPipeError):  # it has died: the pipe's end says so in `step`
@@ -65,7 +65,7 @@ class Worker:
 
     @property
     def pipe(self) -> Any:
-        """Where the child's words come; `wait` takes it."""
+        """Connection to the child; `wait` takes it."""
         return self._pipe
 
     def left(self) -> float | None:
@@ -73,7 +73,7 @@ class Worker:
         return self._clock.left()
 
     def step(self) -> Solved | None:
-        """Take one word of the child, if there is one; the outcome when that has come, or when its time is up."""
+        """Handle one message from the child; return the outcome once it arrives or time runs out."""
         if not self._pipe.poll(0.0):
             if self.left() != 0.0:
                 return None
@@ -82,7 +82,7 @@ class Worker:
         try:
             kind, body = pickle.loads(self._pipe.recv_bytes())
         except (EOFError, OSError):
-            return self._lost(error=self._last_words())
+            return self._lost(error=self._cause_of_death())
         if kind == "solved":
             return body
         if kind == "iterate":
@@ -113,8 +113,8 @@ class Worker:
         self._pipe = ours
         return ours
 
-    def _last_words(self) -> str:
-        """Why the child has gone."""
+    def _cause_of_death(self) -> str:
+        """Why the child ended."""
         self._process.join(GRACE_S)
         code = self._process.exitcode
         self.end()
@@ -179,7 +179,7 @@ class Workers:
 
 
 def _step(busy: Mapping[str, Worker]) -> dict[str, Solved]:
-    """Wait until a child has a word to say, or has used up its time; outcomes by the method's name."""
+    """Wait until a child sends a message or has used up its time; outcomes by the method's name."""
     lefts = [left for worker in busy.values() if (left := worker.left()) is not None]
     wait([worker.pipe for worker in busy.values()], min(lefts, default=None))
     stepped = {name: worker.step() for name, worker in busy.items()}
@@ -251,7 +251,7 @@ def _signals_later() -> Iterator[None]:
 def end_with_parent(parent: int) -> None:
     """Have the system end this process when the thread that started it ends, where it can (Linux).
 
-    Without it a child of a killed process would work on, until it has its next word to say.
+    Without it a child of a killed process would work on, until its next message.
     """
     if sys.platform != "linux":
         return
@@ -272,7 +272,7 @@ def limit_memory(memory_mib: int | None) -> None:
 
 
 class _Pickler(pickle.Pickler):
-    """Keeps read-only arrays read-only: kernels are compiled for those, and would be compiled anew for others."""
+    """Keeps read-only arrays read-only: kernels are compiled for those, and would be compiled again for others."""
 
     def reducer_override(self, obj: Any) -> Any:
         if isinstance(obj, np.ndarray) and not obj.flags.writeable:

@@ -147,7 +147,7 @@ class ToolDocument(msgspec.Struct, frozen=True, kw_only=True):
     packages: Mapping[str, str | None] = msgspec.field(default_factory=dict)
     python: str | None = None
     options: Mapping[str, Mapping[str, Any]] = msgspec.field(default_factory=dict)
-    """Of each method by its name."""
+    """Options of each method by its name."""
     seed: Whole = 0
     reading: Plain | msgspec.UnsetType = msgspec.UNSET
     limits: LimitsDocument | msgspec.UnsetType = msgspec.UNSET
