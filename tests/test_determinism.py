@@ -8,6 +8,7 @@ import subprocess
 import sys
 from typing import Any
 
+import pytest
 from logs_maker import sound_log
 
 from optim.methods import METHODS

@@ -69,10 +69,6 @@ class Segment:
         """Columns x, y, theta, alpha. Shape (n, 4)."""
         return frozen(np.stack([self.x, self.y, self.theta, self.alpha], axis=1))
 
-    def __repr__(self) -> str:
-        gear = "forward" if self.direction > 0 else "reverse"
-        return f"Segment({gear}, {self.length:.2f} m, samples: {self.num_samples})"
-
     @property
     def num_samples(self) -> int:
         """Number of samples, n."""
