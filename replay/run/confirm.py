@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from optim.audit.checks import audit_path
 from optim.audit.report import AuditReport
@@ -50,6 +51,11 @@ def audit_results(document: ResultsDocument) -> list[Confirmation]:
 
     A stored verdict "not passed" that is confirmed is no difference; `report.passed` says whether a path is sound.
     """
+    with np.errstate(all="ignore"):  # absurd numbers overflow; the audit rejects them
+        return _confirmations(document)
+
+
+def _confirmations(document: ResultsDocument) -> list[Confirmation]:
     problem = _problem(document)
     recorded = _audit_recorded_again(document)
     stored = document.recorded_audit
@@ -57,7 +63,7 @@ def audit_results(document: ResultsDocument) -> list[Confirmation]:
         *(() if stored is msgspec.UNSET else _disagreements(stored, recorded)),
         *_wrong_metrics(document.recorded_metrics, _measured(problem, document.recorded)),
     ]
-    verdicts = [Confirmation(name="recorded", report=recorded, differences=tuple(differences))]
+    found = [Confirmation(name="recorded", report=recorded, differences=tuple(differences))]
     for method in document.methods:
         report = _audit_again(document, method.path, _stored_objective(method.metrics))
         measured = _measured(problem, method.path)
@@ -67,8 +73,8 @@ def audit_results(document: ResultsDocument) -> list[Confirmation]:
             *_unfounded(method, report, document, recorded),
             *_too_close(method, problem, measured),
         ]
-        verdicts.append(Confirmation(name=method.name, report=report, differences=tuple(differences)))
-    return verdicts
+        found.append(Confirmation(name=method.name, report=report, differences=tuple(differences)))
+    return found
 
 
 def _problem(document: ResultsDocument) -> Problem | None:
