@@ -1,6 +1,6 @@
 # Everything runs in .venv, which is made by the first target that needs it; tests and tools add what they need to it.
 .DEFAULT_GOAL := help
-.PHONY: help setup dev demo test check format bench corpus planners study nightly screenshot clean
+.PHONY: help setup dev demo test quick check format bench corpus planners study nightly screenshot clean
 .DELETE_ON_ERROR:
 
 ENV := .venv
@@ -9,6 +9,7 @@ MADE := $(ENV)/.made
 DEV := $(ENV)/.dev
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 PYTHON ?=
+SPREAD := -n auto --maxprocesses 4 --dist worksteal
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+): .*## (.*)/make \1\t\2/' | expand -t 18
@@ -43,13 +44,17 @@ demo: $(MADE)  ## improve a recorded path and write the comparison to out/
 	@echo "Look at it:  $(BIN)/rerun out/bay_01.rrd"
 
 test: $(DEV)  ## run the tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(SPREAD)
 
-check: $(DEV)  ## everything that must pass: format, lint, types, tests
+quick: $(DEV)  ## run the tests but for those that take seconds each
+	$(BIN)/python -m pytest $(SPREAD) -m 'not slow'
+
+check: $(DEV)  ## everything that must pass: format, lint, types, tests, what the tests cover
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/basedpyright
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(SPREAD) --cov --cov-report=
+	$(BIN)/python tools/coverage_table.py
 
 format: $(DEV)  ## format the code
 	$(BIN)/ruff format .
@@ -81,5 +86,5 @@ screenshot: demo $(DEV)  ## make docs/overview.png from the demo's recording (ne
 	$(BIN)/python tools/screenshot.py out/bay_01.rrd docs --tab Overview --timeline progress --at 600
 
 clean:  ## remove the environment, caches and output
-	rm -rf $(ENV) out .pytest_cache .ruff_cache .hypothesis build dist
+	rm -rf $(ENV) out .pytest_cache .ruff_cache .hypothesis .coverage* build dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

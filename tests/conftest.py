@@ -1,10 +1,12 @@
 """Fixtures that more than one file of tests uses, and the profile of the property tests."""
 
+import os
 import pathlib
 import signal
 from collections.abc import Callable, Iterator
 from functools import partial
 
+import array_shapes
 import logs_maker as make
 import pytest
 import recording_factory as factory
@@ -15,14 +17,20 @@ from recording_reading import Contents, written
 from optim.model.result import Stop
 from replay.base.errors import LogError
 from replay.base.kernels import drop_stale
-from replay.logs.container.records import Limits, Log
+from replay.logs.container.log import Log, ReadLimits
 from replay.logs.container.scan import scan
 from replay.run.case import Case
-from replay.run.judge import Run
+from replay.run.outcome import Run
 
-drop_stale()
+if "PYTEST_XDIST_WORKER" not in os.environ:  # a worker must not delete what another one has just compiled
+    drop_stale()
 settings.register_profile("replay", deadline=None, derandomize=True)  # the same examples on every machine
 settings.load_profile("replay")
+
+
+def pytest_collection_finish() -> None:
+    """From here on every array in a field is of the type and shape that the field states."""
+    array_shapes.check_from_now_on()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -94,7 +102,7 @@ def passed_run(tmp_path: pathlib.Path) -> pathlib.Path:
 def scanned(tmp_path: pathlib.Path) -> Callable[..., Log]:
     """The container with these bytes, every channel wanted."""
 
-    def scan_bytes(data: bytes, limits: Limits | None = None) -> Log:
+    def scan_bytes(data: bytes, limits: ReadLimits | None = None) -> Log:
         file = tmp_path / "log.mcap"
         file.write_bytes(data)
         return scan(file, lambda _: True, limits)

@@ -344,8 +344,7 @@ def refusal_of(file: Path, log: LogMaker | bytes, **options: Any) -> LogError:
     """The error with which a log is refused: one printable line that names the file."""
     with pytest.raises(LogError) as caught:
         read_log(file, log, **options)
-    line = str(caught.value)
-    assert line.isprintable()
-    assert f"{file.name}: " in line
+    assert str(caught.value).isprintable()
+    assert f"{file.name}: " in str(caught.value)
     assert caught.value.exit_status == 2
     return caught.value

@@ -5,7 +5,8 @@ import zlib
 
 from logs_maker import LogMaker
 
-from replay.logs.container.records import MAGIC, Log
+from replay.logs.container.log import Log
+from replay.logs.container.records import MAGIC
 
 
 def text(value: str | bytes) -> bytes:

@@ -17,7 +17,8 @@ from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.model.scene import Scene, make_scene
 from optim.model.vehicle import Vehicle
 from replay.run.case import Case, MapImage, ReadReport
-from replay.run.judge import Run, run_case
+from replay.run.judge import run_case
+from replay.run.outcome import Run
 
 VEHICLE = Vehicle()
 START = np.array([-21.0, 27.0, 0.0, 0.0])

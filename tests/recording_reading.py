@@ -8,7 +8,7 @@ import pyarrow as pa
 from rerun.chunk import RrdReader
 
 from replay.recording import write_recording
-from replay.run.judge import Run
+from replay.run.outcome import Run
 
 
 class Contents:

@@ -1,6 +1,5 @@
 """Runs of a regression with real processes, for its tests."""
 
-import json
 import pathlib
 import shutil
 import subprocess
@@ -9,14 +8,18 @@ from typing import Any
 
 from optim.methods import METHODS
 from optim.model.method import Method
+from replay.base.documents import plain, read_json
+from replay.base.schemas.run import Commands
+from replay.base.schemas.verdicts import Comparison, Verdicts
 from replay.regress.corpus import find_corpus
-from replay.regress.finish import conclude
-from replay.regress.pool import run_here
-from replay.regress.running import Execute, Plan, carry_out, start
-from replay.regress.settings import Settings
-from replay.regress.slot import Slot
-from replay.regress.store import Store
+from replay.regress.finish import judge_and_report
+from replay.regress.folder import RunFolder
+from replay.regress.options import Options
+from replay.regress.plan import Execute, Plan, carry_out, start
+from replay.regress.supervisor import Supervisor, run_here
+from replay.report.conclusion import Conclusion
 from tools.processes import REPLAY
+from tools.regress.same import timeless
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 RECORDINGS = ROOT / "recordings"
@@ -38,9 +41,9 @@ def make_corpus(folder: pathlib.Path, names: Iterable[str] = ("bay_01", "bay_02"
 def make_plan(corpus: str, methods: Mapping[str, Method] | None = None, **more: Any) -> Plan:
     """A plan for a corpus; `more` are fields of `Plan`, and which recordings are kept."""
     found = find_corpus(corpus)
-    settings = Settings(methods=dict(methods or {"ddp": METHODS["ddp"]}), recordings=more.pop("recordings", "none"))
+    options = Options(methods=dict(methods or {"ddp": METHODS["ddp"]}), recordings=more.pop("recordings", "none"))
     baseline = pathlib.Path(found.baseline) if found.baseline else None
-    return Plan(corpus=corpus, logs=found.logs, known=found.known, settings=settings, baseline=baseline, **more)
+    return Plan(corpus=corpus, logs=found.logs, known=found.known, options=options, baseline=baseline, **more)
 
 
 def here(jobs: int = 1) -> Execute:
@@ -48,16 +51,16 @@ def here(jobs: int = 1) -> Execute:
     return lambda waiting: run_here(waiting, jobs)
 
 
-def through(slot: Slot) -> Execute:
-    """Does jobs in a process that is warm already."""
-    return lambda jobs: (slot.run(job) for job in jobs)
+def through(supervisor: Supervisor) -> Execute:
+    """Does jobs in a worker that is warm already."""
+    return lambda jobs: (supervisor.run(job) for job in jobs)
 
 
-def run(plan: Plan, runs: pathlib.Path, execute: Execute) -> tuple[Store, dict[str, Any]]:
-    """A whole run; its files, and what is said of it. The reports are made in this process, which spares a start."""
-    store = start(plan, runs)
-    carry_out(plan, store, execute, lambda *_: None)
-    return store, conclude(store.folder, runs, {})
+def run(plan: Plan, runs: pathlib.Path, execute: Execute) -> tuple[RunFolder, Conclusion]:
+    """A whole run; its folder, and the verdict. The reports are made in this process, which spares a start."""
+    folder = start(plan, runs)
+    carry_out(plan, folder, execute, lambda *_: None)
+    return folder, judge_and_report(folder.path, runs, Commands())
 
 
 def command(*arguments: str, **more: Any) -> subprocess.CompletedProcess[str]:
@@ -70,15 +73,20 @@ def call(*arguments: str) -> Sequence[str]:
     return [*REPLAY, *arguments]
 
 
-def verdicts(store: Store, *wanted: str) -> list[dict[str, Any]]:
-    """The entries of verdicts.json with these verdicts."""
-    found = json.loads((store.folder / "verdicts.json").read_text())["verdicts"]
-    return [entry for entry in found if entry["verdict"] in wanted]
+def verdicts(folder: RunFolder, *wanted: str) -> list[Comparison]:
+    """The comparisons in verdicts.json with these verdicts."""
+    found = read_json(folder.path / "verdicts.json", Verdicts, 2**20).comparisons
+    return [each for each in found if each.verdict in wanted]
 
 
-def attempts(store: Store) -> list[str]:
+def attempts(folder: RunFolder) -> list[str]:
     """The logs on which work began, one entry each time."""
-    return (store.folder / "attempts").read_text().split()
+    return (folder.path / "attempts").read_text().split()
+
+
+def results(folder: RunFolder) -> dict[str, Any]:
+    """The documents of a run as plain data, without what may differ between runs, by log."""
+    return {log.log: timeless(plain(log)) for log in folder.documents()}
 
 
 def below(pid: int) -> list[int]:

@@ -1,6 +1,7 @@
 """A run with every kind of outcome, and its results file."""
 
 import dataclasses
+import json
 import math
 import pathlib
 from typing import Any
@@ -13,9 +14,11 @@ from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle
+from replay.base.documents import to_bytes
+from replay.base.schemas.results import ResultsDocument
 from replay.run.case import Case, ReadReport
-from replay.run.judge import Run, run_case
-from replay.run.results import write_results
+from replay.run.judge import run_case
+from replay.run.outcome import Run
 
 Document = dict[str, Any]
 VEHICLE = Vehicle()
@@ -58,8 +61,13 @@ def make_run(log: str = "bay_01.mcap", boundary: Any = None) -> Run:
     return dataclasses.replace(run, options={"better": {"window": 3.0, "kind": ("a", "b")}}, seed=7)
 
 
-def written(tmp_path: pathlib.Path, document: Document) -> pathlib.Path:
+def written(tmp_path: pathlib.Path, document: Document | ResultsDocument) -> pathlib.Path:
     """Its file."""
     path = tmp_path / "bay_01.results.json"
-    write_results(path, document)
+    path.write_bytes(to_bytes(document))
     return path
+
+
+def results_data(file: pathlib.Path) -> Document:
+    """A results file as plain data."""
+    return json.loads(file.read_text(encoding="utf-8"))

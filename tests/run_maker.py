@@ -1,15 +1,19 @@
-"""Writes folders of regression runs, with results that follow from simple rules, for the tests of the reports."""
+"""Documents and folders of regression runs, with results that follow from simple rules, for the tests."""
 
 import json
 import pathlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from replay.base.documents import convert, plain
+from replay.base.schemas.log import LogResults
+from replay.base.schemas.verdicts import Comparison
+
 METHODS = ("shortcut", "cpo", "ddp", "scp", "nlp")
 GAIN = {"shortcut": 0.72, "cpo": 0.93, "ddp": 0.66, "scp": 0.661, "nlp": 0.67}
 COMMANDS = {
     "accept": ".venv/bin/replay regress accept runs/RUN --baseline baseline.json",
-    "view": ".venv/bin/replay view runs/RUN",
+    "view": ".venv/bin/rerun runs/RUN/recordings/*.rrd",
 }
 CLASSES = ("open", "narrow", "cusps", "reverse")
 
@@ -74,6 +78,11 @@ def log(name: str, number: int, methods: Sequence[str] = METHODS, **more: Any) -
     return document | more
 
 
+def typed(entry: Mapping[str, Any]) -> LogResults:
+    """The document of a log as the program has it."""
+    return convert(entry, LogResults)
+
+
 def verdict(
     name: str, which: str, key: str, verdict: str, before: Any = 1.0, after: Any = 1.0, **more: Any
 ) -> dict[str, Any]:
@@ -107,7 +116,7 @@ def unchanged(logs: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
 def write_run(
     folder: pathlib.Path,
     logs: Sequence[Mapping[str, Any]],
-    verdicts: Sequence[Mapping[str, Any]] | None = None,
+    verdicts: Sequence[Mapping[str, Any] | Comparison] | None = None,
     planned: Sequence[str] = (),
     **head: Any,
 ) -> pathlib.Path:
@@ -132,7 +141,7 @@ def write_run(
     for i, entry in enumerate(logs):
         (folder / "logs" / f"{i:05d}.json").write_text(json.dumps(entry))
     if verdicts is not None:
-        document = {"schema": "replay.verdicts/1", "verdicts": list(verdicts)}
+        document = {"schema": "replay.verdicts/1", "verdicts": plain(verdicts)}
         (folder / "verdicts.json").write_text(json.dumps(document))
     return folder
 

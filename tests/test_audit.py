@@ -31,6 +31,8 @@ from scenes import blocks_beside
 import optim.audit.checks
 from optim.audit.checks import audit_recorded
 from optim.model.vehicle import Vehicle
+from replay.base.documents import to_bytes
+from replay.run.results import audit_document
 
 
 def test_a_sound_path_with_a_cusp_passes_every_check() -> None:
@@ -72,7 +74,7 @@ def test_a_scene_without_obstacles_or_boundary_is_free() -> None:
     report = audited(case)
     assert report.passed
     assert "boundary" not in report.checks
-    assert report.to_dict()["checks"]["clearance"]["values"] == {"truck_m": None, "trailer_m": None}
+    assert report.clearance.values == {"truck_m": math.inf, "trailer_m": math.inf}
 
 
 def test_the_recorded_path_is_audited_without_start_goal_and_objective() -> None:
@@ -86,7 +88,8 @@ def test_the_recorded_path_is_audited_without_start_goal_and_objective() -> None
 
 def test_a_report_is_plain_json() -> None:
     for damage, _ in DAMAGES.values():
-        json.dumps(audited(damage(sound())).to_dict(), allow_nan=False)
+        document = json.loads(to_bytes(audit_document(audited(damage(sound())))))
+        assert set(document) == {"passed", "complete", "checks"}
 
 
 @pytest.mark.parametrize("name", DAMAGES)
@@ -116,9 +119,20 @@ def test_every_check_of_motion_and_claims_is_the_only_one_for_some_damage() -> N
 def test_the_place_of_the_worst_value_is_named() -> None:
     place = audited(obstacle_moved_into_path(sound())).checks["clearance"].place
     assert place is not None
-    assert place["polygon"] == 0
+    assert place.polygon == 0
     place = audited(pose_moved(sound())).checks["defect"].place
-    assert place == {"segment": 0, "s": pytest.approx(5.0, abs=0.06)}
+    assert place is not None
+    assert (place.segment, place.s) == (0, pytest.approx(5.0, abs=0.06))
+
+
+def test_a_check_is_found_by_its_name_and_has_the_value_that_decides() -> None:
+    report = audited(obstacle_moved_into_path(sound()))
+    assert report.clearance is report.checks["clearance"]
+    assert report.clearance.value == min(report.clearance.values.values()) < 0.0
+    assert report.steer.value == report.steer.values["steer_rad"]
+    assert math.isnan(report.structure.value)
+    with pytest.raises(AttributeError, match="no check 'clearence' was made; there are structure, "):
+        _ = report.clearence
 
 
 MODULES = ("checks", "data", "motion", "report")
@@ -137,7 +151,7 @@ def test_the_audit_imports_nothing_that_a_method_uses() -> None:
                 assert imported in allowed or root in allowed or root in sys.stdlib_module_names, imported
     script = "import sys, optim.audit.checks; print(*sorted(m for m in sys.modules if m[:5] in ('optim', 'numba')))"
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
-    assert set(loaded) == {"optim", *(f"optim.audit.{name}" for name in MODULES)}
+    assert set(loaded) == {"optim", "optim.audit", *(f"optim.audit.{name}" for name in MODULES)}
 
 
 def test_a_path_of_a_hundred_metres_takes_well_below_a_second() -> None:

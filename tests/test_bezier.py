@@ -8,7 +8,7 @@ from test_turns import DEFAULT, VEHICLES, largest_load, random_ends
 
 from optim.numerics.arrays import frozen
 from optim.steering.bezier import bends_at, coefficients, derivatives, plan_bezier, sample_bezier
-from optim.steering.flat import limits
+from optim.steering.flat import curve_limits
 
 START = frozen((0.06, 0.003))
 GOAL = frozen((25.0, 9.0, 0.7, -0.04, 0.002))
@@ -63,7 +63,7 @@ def test_curvature_sharpness_and_its_slope_agree_with_finite_differences(t):
 @pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES.keys())
 def test_found_curves_end_at_the_goal_and_keep_every_limit(vehicle):
     rng = np.random.default_rng(1)
-    lim, found = limits(vehicle), 0
+    lim, found = curve_limits(vehicle), 0
     for _ in range(300):
         start, goal = near_ends(vehicle, rng)
         length, a0, a1 = plan_bezier(start, goal, lim, math.inf)
@@ -81,7 +81,7 @@ def test_found_curves_end_at_the_goal_and_keep_every_limit(vehicle):
 
 
 def test_samples_are_equally_spaced_along_the_truck_and_turn_with_its_curvature():
-    lim = limits(DEFAULT)
+    lim = curve_limits(DEFAULT)
     truck, flat = sample_bezier(START, GOAL, 20.0, 26.0, 0.01, lim)
     stretch = np.sqrt(1.0 + (DEFAULT.hitch_to_axle * flat[:, 3]) ** 2)
     ds = truck / (len(flat) - 1)
@@ -92,14 +92,15 @@ def test_samples_are_equally_spaced_along_the_truck_and_turn_with_its_curvature(
 
 
 def test_a_straight_goal_is_reached_straight_and_forwards():
-    length, a0, a1 = plan_bezier(frozen((0.0, 0.0)), frozen((20.0, 0.0, 0.0, 0.0, 0.0)), limits(DEFAULT), math.inf)
+    ends, lim = (frozen((0.0, 0.0)), frozen((20.0, 0.0, 0.0, 0.0, 0.0))), curve_limits(DEFAULT)
+    length, a0, a1 = plan_bezier(*ends, lim, math.inf)
     assert length == pytest.approx(20.0, rel=1e-6)
-    _, flat = sample_bezier(frozen((0.0, 0.0)), frozen((20.0, 0.0, 0.0, 0.0, 0.0)), a0, a1, 0.05, limits(DEFAULT))
+    _, flat = sample_bezier(*ends, a0, a1, 0.05, lim)
     assert (np.diff(flat[:, 0]) > 0.0).all()
 
 
 def test_no_curve_turns_back_on_itself():
-    length, *_ = plan_bezier(frozen((0.0, 0.0)), frozen((-20.0, 0.0, 0.0, 0.0, 0.0)), limits(DEFAULT), math.inf)
+    length, *_ = plan_bezier(frozen((0.0, 0.0)), frozen((-20.0, 0.0, 0.0, 0.0, 0.0)), curve_limits(DEFAULT), math.inf)
     assert length == math.inf
 
 
@@ -108,5 +109,5 @@ def test_nothing_longer_than_asked_for_is_returned():
     for _ in range(100):
         start, goal = near_ends(DEFAULT, rng)
         bound = 1.05 * math.hypot(goal[0], goal[1])
-        length, *_ = plan_bezier(start, goal, limits(DEFAULT), bound)
+        length, *_ = plan_bezier(start, goal, curve_limits(DEFAULT), bound)
         assert length <= bound or length == math.inf

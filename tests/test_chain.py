@@ -12,7 +12,7 @@ from optim.methods.shortcut import Shortcut
 from optim.model.objective import objective
 from optim.model.problem import Problem, path_clearance
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
-from replay.run.results import path_to_document, scene_to_document
+from replay.run.plain import path_to_document, scene_to_document
 
 TWICE = Chain(
     parts=(("shortcut", Shortcut(variant="deterministic")), ("shortcut", Shortcut(tries=150))),

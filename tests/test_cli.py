@@ -19,6 +19,7 @@ from tools.processes import REPLAY
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 BAY = ROOT / "recordings" / "bay_01.mcap"
 QUICK = ["--shortcut.tries", "20", "--no-recording"]
+ONE = ["--method", "shortcut", *QUICK]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -88,7 +89,7 @@ def test_every_command_explains_itself(run, command):
         (["optimize", BAY, "--weights.cusp", "-1"], ["weights: cusp is -1"]),
         (["optimize", BAY, "--margin", "40"], ["margin is 40"]),
         (["optimize", BAY, "--unknown", "maybe"], ["--unknown", "obstacle", "free"]),
-        (["optimize", BAY, "--vehicle", "none.toml"], ["--vehicle none.toml", "No such file"]),
+        (["optimize", BAY, "--vehicle", "none.toml"], ["vehicle none.toml", "No such file"]),
         (["optimize", BAY, "--out", BAY], ["--out", "it is a file"]),
         (["info", BAY, "--no-such"], ["--no-such"]),
         (["info", "none.mcap"], ["none.mcap", "E_NOT_FOUND"]),
@@ -129,7 +130,7 @@ def test_a_log_becomes_a_table_a_recording_and_a_results_file(run, tmp_path):
 
 
 def test_json_is_one_document_and_nothing_else(run, log, tmp_path):
-    said = run("optimize", log, *QUICK, "--method", "shortcut", "--json")
+    said = run("optimize", log, *ONE, "--json")
     document = said.document
     assert (said.status, document["schema"], document["exit_status"]) == (0, "replay.optimize/1", 0)
     (log,) = document["logs"]
@@ -154,7 +155,7 @@ def test_flags_reach_the_method_the_weights_and_the_reader(run, log, tmp_path):
 
 
 def test_a_methods_own_seed_wins_over_the_common_one(run, log, tmp_path):
-    assert run("optimize", log, *QUICK, "--seed", "5", "--shortcut.seed", "6").status == 0
+    assert run("optimize", log, *ONE, "--seed", "5", "--shortcut.seed", "6").status == 0
     assert json.loads((tmp_path / "yard.results.json").read_text())["tool"]["options"]["shortcut"]["seed"] == 6
 
 
@@ -174,7 +175,7 @@ def test_names_joined_by_a_plus_run_one_after_the_other_with_their_flags(run, lo
 
 def test_a_log_that_fails_does_not_stop_the_others(run, log, tmp_path):
     (tmp_path / "broken.mcap").write_bytes(b"no log")
-    said = run("optimize", "broken.mcap", log, *QUICK)
+    said = run("optimize", "broken.mcap", log, *ONE)
     assert said.status == 3
     assert (tmp_path / "yard.results.json").exists()
     assert said.err.count("broken.mcap") == 2, "once where it failed, once in the summary"
@@ -192,7 +193,7 @@ def test_a_log_that_lost_its_end_is_used_and_status_is_3(run, tmp_path):
     maker = sound_log(compression=CompressionType.NONE, chunk_size=1)  # a chunk for each message
     content = maker.add_raw("/more", "std_msgs/msg/String", b"the last words", 9).bytes()
     (tmp_path / "cut.mcap").write_bytes(content[: content.find(b"the last words") + 5])
-    said = run("optimize", "cut.mcap", *QUICK)
+    said = run("optimize", "cut.mcap", *ONE)
     assert said.status == 3
     assert (tmp_path / "cut.results.json").exists()
     assert "replay: cut/0: the file is cut off" in said.err
@@ -204,7 +205,7 @@ def test_each_of_several_requests_gets_its_number(run, log, tmp_path):
     for k in range(2):
         maker.add("/truck", path(truck[: 70 + 20 * k]), 2 + k)
     maker.write(tmp_path / "two.mcap")
-    said = run("optimize", "two.mcap", *QUICK)
+    said = run("optimize", "two.mcap", *ONE)
     assert said.status == 0
     assert sorted(tmp_path.glob("two-*")) == [tmp_path / "two-0.results.json", tmp_path / "two-1.results.json"]
 
@@ -229,7 +230,7 @@ def test_an_input_is_never_overwritten(run, log, tmp_path):
 
 def test_notes_are_quiet_when_asked_and_errors_are_not(run, log, tmp_path):
     sound_log(trailer=False).write(tmp_path / "plain.mcap")
-    assert run("optimize", "plain.mcap", *QUICK, "--quiet").err == ""
+    assert run("optimize", "plain.mcap", *ONE, "--quiet").err == ""
     (tmp_path / "broken.mcap").write_bytes(b"no log")
     assert run("optimize", "broken.mcap", "--quiet").err.count("\n") == 1
 

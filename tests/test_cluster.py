@@ -12,14 +12,13 @@ pytest.importorskip("distributed", reason="the extra `cluster` is not installed"
 from optim.methods import METHODS
 from replay.base.errors import ReplayError
 from replay.cli import main
-from replay.regress.baseline import Baseline
+from replay.regress.baseline import EMPTY
 from replay.regress.cluster import _do, check_address, connected, run_on_cluster
-from replay.regress.pool import run_here
-from replay.regress.running import Plan, _jobs, carry_out, start
-from replay.regress.work import _outline
+from replay.regress.plan import Plan, carry_out, jobs_of, start
+from replay.regress.sources import digest
+from replay.regress.supervisor import run_here
 from tools.processes import is_running
 from tools.regress.local_cluster import LocalCluster
-from tools.regress.same import timeless
 from tools.regress.small_logs import write_corpus
 from tools.regress.storm import growth
 
@@ -62,13 +61,13 @@ def test_where_nobody_answers_is_one_line(monkeypatch):
         next(run_on_cluster([], "tcp://127.0.0.1:9"))
 
 
-def test_what_is_waited_for_is_told_before_it_is_given_up(monkeypatch):
-    told: list[str] = []
+def test_what_is_waited_for_is_noted_before_it_is_given_up(monkeypatch):
+    noted: list[str] = []
     monkeypatch.setattr("replay.regress.cluster._CONNECT_S", 2)
     monkeypatch.setattr("replay.regress.cluster._PATIENCE_S", 0.05)
-    with pytest.raises(ReplayError, match="no connection"), connected("tcp://127.0.0.1:9", told.append):
+    with pytest.raises(ReplayError, match="no connection"), connected("tcp://127.0.0.1:9", noted.append):
         pass
-    assert told == ["connecting to tcp://127.0.0.1:9, for at most 2 s"]
+    assert noted == ["connecting to tcp://127.0.0.1:9, for at most 2 s"]
 
 
 def test_a_scheduler_is_asked_before_the_folder_of_the_run_is_made(tmp_path, monkeypatch):
@@ -84,13 +83,14 @@ def test_relative_paths_are_found_by_workers_elsewhere_and_a_log_that_they_do_no
     help.make_corpus(tmp_path / "corpus", ["bay_01"])
     monkeypatch.chdir(tmp_path)
     plan = help.make_plan("corpus", {"shortcut": METHODS["shortcut"]})
-    (job,) = _jobs(plan, start(plan, tmp_path / "runs"), plan.logs, Baseline())
+    (job,) = jobs_of(plan, start(plan, tmp_path / "runs"), plan.logs, EMPTY)
     assert job.log.path == "corpus/bay_01.mcap"
     elsewhere = job.anywhere()
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
-    assert _outline(elsewhere) | {"sha256": None} == _outline(job)
-    assert _outline(elsewhere)["sha256"]
+    assert elsewhere.log == job.log
+    assert digest(elsewhere.file)
+    assert not digest(job.file)
     (tmp_path / "corpus" / "bay_01.mcap").unlink()
     told = _do(elsewhere, [elsewhere.folder, elsewhere.file])
     assert told == {"unseen": str(tmp_path / "corpus" / "bay_01.mcap"), "state": ""}
@@ -106,9 +106,10 @@ def plan(tmp_path) -> Plan:
     return help.make_plan(str(tmp_path / "corpus"), {"ddp": METHODS["ddp"]})
 
 
+@pytest.mark.slow
 def test_killed_workers_cost_no_log_nothing_runs_on_and_results_are_those_of_this_machine(plan, tmp_path):
     paths = os.pathsep.join([str(help.ROOT), str(help.ROOT / "tests")])
-    store = start(plan, tmp_path / "runs")
+    run = start(plan, tmp_path / "runs")
     with LocalCluster(tmp_path / "cluster", 2, paths) as cluster:
         killed: list[int] = []
         below: list[int] = []
@@ -119,21 +120,22 @@ def test_killed_workers_cost_no_log_nothing_runs_on_and_results_are_those_of_thi
                 below.extend(help.below(killed[-1]))
                 os.kill(killed[-1], signal.SIGKILL)
 
-        carry_out(plan, store, lambda jobs: run_on_cluster(jobs, cluster.address), kill_some)
+        carry_out(plan, run, lambda jobs: run_on_cluster(jobs, cluster.address), kill_some)
         assert len(set(killed)) == 2
         assert below
         assert not [pid for pid in (*killed, *below) if is_running(pid)]
         assert cluster.workers()
-    documents = {document["log"]: timeless(document) for document in store.documents()}
-    assert len(documents) == len(store.done()) == COUNT
-    assert len(help.attempts(store)) <= COUNT + 2 * 4
+    documents = help.results(run)
+    assert len(documents) == len(run.done()) == COUNT
+    assert len(help.attempts(run)) <= COUNT + 2 * 4
     other = start(plan, tmp_path / "here")
     carry_out(plan, other, lambda jobs: run_here(jobs, 2), lambda *_: None)
-    assert {document["log"]: timeless(document) for document in other.documents()} == documents
+    assert help.results(other) == documents
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_dies_ends_the_run_with_one_line_and_the_rest_can_be_done_here(plan, tmp_path):
-    store = start(plan, tmp_path / "runs")
+    run = start(plan, tmp_path / "runs")
     paths = os.pathsep.join([str(help.ROOT), str(help.ROOT / "tests")])
     with LocalCluster(tmp_path / "cluster", 1, paths) as cluster:
 
@@ -142,11 +144,11 @@ def test_a_scheduler_that_dies_ends_the_run_with_one_line_and_the_rest_can_be_do
                 cluster.scheduler.kill()
 
         with pytest.raises(ReplayError, match="the scheduler has gone"):
-            carry_out(plan, store, lambda jobs: run_on_cluster(jobs, cluster.address), kill_scheduler)
-    before = len(store.done())
+            carry_out(plan, run, lambda jobs: run_on_cluster(jobs, cluster.address), kill_scheduler)
+    before = len(run.done())
     assert 3 <= before < COUNT
-    tried = len(help.attempts(store))
-    carry_out(plan, store, lambda jobs: run_here(jobs, 2), lambda *_: None)
-    assert len(store.done()) == COUNT
-    assert len(help.attempts(store)) - tried == COUNT - before
-    assert not list(pathlib.Path(store.logs).glob(".*.tmp"))
+    tried = len(help.attempts(run))
+    carry_out(plan, run, lambda jobs: run_here(jobs, 2), lambda *_: None)
+    assert len(run.done()) == COUNT
+    assert len(help.attempts(run)) - tried == COUNT - before
+    assert not list(pathlib.Path(run.logs).glob(".*.tmp"))

@@ -32,6 +32,7 @@ def _regress(folder: pathlib.Path, address: str, environment: dict[str, str]) ->
     return subprocess.run(command, env=os.environ | environment, cwd=help.ROOT, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_a_client_with_the_certificate_has_all_logs_done(cluster, tmp_path):
     address, certificates = cluster
     assert address.startswith("tls://127.0.0.1:")
@@ -40,6 +41,7 @@ def test_a_client_with_the_certificate_has_all_logs_done(cluster, tmp_path):
     assert len(list((tmp_path / "runs").rglob("logs/*.json"))) == COUNT
 
 
+@pytest.mark.slow
 def test_a_client_without_a_certificate_or_with_another_is_told_so_in_one_line(cluster, tmp_path):
     address, _ = cluster
     other = Certificates.made(tmp_path / "certificates").environment()

@@ -9,8 +9,8 @@ from optim.model.flat_map import flat_from_state, state_from_flat
 from optim.model.kinematics import derivative
 from optim.model.path import Segment
 from optim.model.vehicle import Vehicle
-from optim.steering import Connection, Flat, connections
-from optim.steering.connect import END_TOLERANCE
+from optim.steering.connect import END_TOLERANCE, Connection, connections
+from optim.steering.flat import Flat
 
 VEHICLE = Vehicle()
 

@@ -13,7 +13,8 @@ from mcap.writer import CompressionType
 from mcap_bytes import DEFINITIONS, HEADER, channel, chunk, codes, container, message, record, schema, some_log, text
 
 from replay.base.errors import LogError, printable
-from replay.logs.container.records import MAGIC, Channel, Log
+from replay.logs.container.log import Channel, Log
+from replay.logs.container.records import MAGIC
 from replay.logs.container.scan import scan
 
 DATA = Path(__file__).parent / "data"

@@ -12,7 +12,7 @@ from mcap.writer import CompressionType
 from mcap_bytes import DEFINITIONS, channel, chunk, codes, container, message, record, schema, some_log, text
 
 from replay.base.errors import LogError
-from replay.logs.container.records import Channel, Limits, Log
+from replay.logs.container.log import Channel, Log, ReadLimits
 
 
 def every(_: Channel) -> bool:
@@ -69,6 +69,22 @@ def test_a_record_that_does_not_fit_its_fields_is_skipped_and_the_next_one_is_re
     log = scanned(container(chunk(bad + DEFINITIONS + nested + record(5, b"short") + message())))
     assert log.counts == {1: 1}
     assert codes(log) == {"W_CORRUPT_RECORD"}
+
+
+def test_a_map_whose_last_string_goes_past_its_end_is_no_map(scanned: Callable[..., Log]) -> None:
+    pair = text("key") + text("value")
+    sound = record(12, text("a") + struct.pack("<I", len(pair)) + pair)
+    short = record(12, text("b") + struct.pack("<I", len(pair) - 2) + pair)
+    log = scanned(container(DEFINITIONS, message(), sound, short))
+    assert [each.name for each in log.metadata] == ["a"]
+    assert codes(log) == {"W_CORRUPT_RECORD"}
+
+
+def test_the_first_value_of_a_repeated_key_counts_and_the_key_is_named(scanned: Callable[..., Log]) -> None:
+    pairs = text("key") + text("first") + text("key") + text("second")
+    log = scanned(container(DEFINITIONS, message(), record(12, text("a") + struct.pack("<I", len(pairs)) + pairs)))
+    assert [(dict(each.values), each.duplicates) for each in log.metadata] == [({"key": "first"}, ("key",))]
+    assert codes(log) == {"W_METADATA"}
 
 
 @pytest.mark.parametrize("length", [1 << 63, (1 << 64) - 1, 5 << 30, 1000])
@@ -159,13 +175,13 @@ def test_attachments_are_checked_and_never_unpacked(scanned: Callable[..., Log])
 def test_limits_end_the_reading_before_memory_does(scanned: Callable[..., Log]) -> None:
     data = container(chunk(DEFINITIONS + message()), chunk(message()), chunk(message()))
     one = len(DEFINITIONS + message())
-    log = scanned(data, Limits(total=one + len(message())))
+    log = scanned(data, ReadLimits(total=one + len(message())))
     assert (log.counts, codes(log)) == ({1: 2}, {"W_TOTAL_TOO_LARGE"})
-    log = scanned(data, Limits(records=4))
+    log = scanned(data, ReadLimits(records=4))
     assert codes(log) >= {"W_TOTAL_TOO_LARGE"}
-    log = scanned(data, Limits(record=80))
+    log = scanned(data, ReadLimits(record=80))
     assert codes(log) >= {"W_RECORD_TOO_LARGE"}
-    for limits, code in ((Limits(kept=40), "E_TOO_LARGE"), (Limits(channels=0), "E_TOO_MANY_CHANNELS")):
+    for limits, code in ((ReadLimits(kept=40), "E_TOO_LARGE"), (ReadLimits(channels=0), "E_TOO_MANY_CHANNELS")):
         with pytest.raises(LogError) as caught:
             scanned(data, limits)
         assert caught.value.code == code

@@ -18,19 +18,19 @@ from optim.model.clearance import collides, first_violation
 from optim.model.flat_map import state_from_flat
 from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle
-from optim.planning.protocol import Task
-from optim.planning.rrt import Found, Search, plan, ramp_ends
+from optim.planning.protocol import Area, PlanningProblem
+from optim.planning.rrt import Found, Rrt, ramp_ends
 from optim.steering.flat import Flat
 from replay.base.errors import LogError
 from replay.logs import read_cases
 from replay.run.judge import run_case
-from replay.run.results import path_to_document, scene_to_document
+from replay.run.plain import path_to_document, scene_to_document
 from tools.corpus.build import PLANNERS
 from tools.corpus.catalogue import FULL, SITES, Made, difference, make, make_log, read_list, write_list
 from tools.corpus.grid import draw_grid
 from tools.corpus.odd import ODD
 from tools.corpus.public import PUBLIC
-from tools.corpus.site import Area, Box, Grid, Site, Wall, footprints
+from tools.corpus.site import Box, Grid, Site, Wall, footprints
 from tools.corpus.write import content_digest
 
 FOLDER = Path(__file__).resolve().parent.parent / "recordings"
@@ -230,11 +230,13 @@ VEHICLE = Vehicle()
 START, GOAL = Flat(-20.0, 0.0, 0.0, 0.0), Flat(14.0, 3.0, 0.0, 0.0)
 AREA = Area(box=(-25.0, -14.0, 25.0, 14.0))
 OUTLINE = [[-40.0, -20.0], [40.0, -20.0], [40.0, 20.0], [-40.0, 20.0]]
+RRT = Rrt()
 
 
-def planned(walls: list[np.ndarray], seed: int, search: Search | None = None) -> Found | None:
+def planned(walls: list[np.ndarray], seed: int, planner: Rrt = RRT) -> Found | None:
     scene = make_scene(walls, boundary=OUTLINE)
-    return plan(Task(vehicle=VEHICLE, scene=scene, start=START, goal=GOAL, areas=[AREA], margin=0.3), seed, search)
+    problem = PlanningProblem(vehicle=VEHICLE, scene=scene, start=START, goal=GOAL, areas=[AREA], margin=0.3)
+    return planner.search(problem, seed)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -266,7 +268,7 @@ def test_the_same_seed_gives_the_same_path_and_another_seed_another() -> None:
 
 def test_the_planner_gives_up_where_there_is_no_way() -> None:
     closed = Wall(points=((0.0, -20.0), (0.0, 20.0)), width=1.0).parts()
-    assert planned(closed, 0, Search(max_iterations=60)) is None
+    assert planned(closed, 0, Rrt(max_iterations=60)) is None
 
 
 def test_start_and_goal_of_every_site_are_limits_that_the_vehicle_keeps() -> None:

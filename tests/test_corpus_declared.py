@@ -9,11 +9,13 @@ import run_maker as maker
 from replay.base.errors import ReplayError
 from replay.cli import main
 from replay.regress.compare import compare_log
-from replay.regress.corpus import Log, find_corpus
-from replay.regress.settings import Settings
-from replay.regress.work import Job, work
+from replay.regress.corpus import CorpusLog, find_corpus
+from replay.regress.job import Job, run_job
+from replay.regress.options import Options
 from replay.report.facts import acceptable
 from replay.report.reading import read_run
+from replay.run.limits import NO_LIMITS
+from replay.run.solving import InTurn
 
 
 @pytest.fixture
@@ -59,12 +61,8 @@ def test_a_log_knows_the_line_that_declares_it(corpus):
 
 def test_a_log_that_is_named_but_not_there_says_who_names_it(tmp_path):
     (tmp_path / "logs").mkdir()
-    log = Log(name="odd", path=str(tmp_path / "odd.mcap"), declared="corpus.toml:3")
-
-    def solve(*_: object):
-        raise AssertionError("there is nothing to solve")
-
-    work(Job(log=log, folder=str(tmp_path), settings=Settings(methods={})), solve, lambda _: None)
+    log = CorpusLog(name="odd", path=str(tmp_path / "odd.mcap"), declared="corpus.toml:3")
+    run_job(Job(log=log, folder=str(tmp_path), options=Options(methods={})), InTurn(NO_LIMITS), lambda _: None)
     text = (tmp_path / "logs" / "odd.json").read_text()
     assert "E_NOT_FOUND" in text
     assert "corpus.toml:3 names it" in text
@@ -72,9 +70,9 @@ def test_a_log_that_is_named_but_not_there_says_who_names_it(tmp_path):
 
 def test_what_the_list_expects_is_changed_there_and_never_accepted(tmp_path):
     document = maker.log("bay_01", 1, ["ddp"], expect="E_NO_MAP", declared="a/corpus.toml:7")
-    entries = compare_log(document, None)
-    (worse,) = (entry for entry in entries if entry["verdict"] == "worse")
-    assert worse["note"] == "against what a/corpus.toml:7 expects"
+    entries = compare_log(maker.typed(document), None)
+    (worse,) = (entry for entry in entries if entry.verdict == "worse")
+    assert worse.note == "against what a/corpus.toml:7 expects"
     run = read_run(maker.write_run(tmp_path / "run", [document], entries))
     assert run.failing
     assert not acceptable(run)
@@ -87,7 +85,7 @@ def test_the_command_names_the_line_to_change_instead_of_accept(tmp_path):
     listed.write_text('methods = ["shortcut"]\n' + listed.read_text())
     done = help.command("regress", folder, "--shortcut.tries", "3", "--out", str(tmp_path / "runs"))
     assert done.returncode == 1
-    assert f"{listed}:4 expects: if it is as it should be, change `expect` there" in done.stderr
+    assert f"{listed}:4 expects: if the result is correct, change `expect` there" in done.stderr
     assert "regress accept" not in done.stderr
 
 

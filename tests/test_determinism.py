@@ -12,7 +12,7 @@ import pytest
 from logs_maker import sound_log
 
 from optim.methods import METHODS
-from replay.cli import use_one_thread
+from replay.base.threads import VARIABLES
 from tools.processes import REPLAY
 
 TIMES = ("wall_s", "compile_s", "solver_s")
@@ -39,6 +39,7 @@ def optimised(log: pathlib.Path, out: pathlib.Path, folder: pathlib.Path, **envi
     return json.loads((out / "yard.results.json").read_text())
 
 
+@pytest.mark.slow
 def test_all_methods_give_the_same_bits_in_other_processes_folders_and_environments(tmp_path: pathlib.Path) -> None:
     log = sound_log().write(tmp_path / "yard.mcap")
     other = tmp_path / "other folder"
@@ -51,11 +52,28 @@ def test_all_methods_give_the_same_bits_in_other_processes_folders_and_environme
     assert json.dumps(first) != json.dumps(second), "times were measured, so something must differ"
 
 
-def test_the_number_of_threads_is_one_whatever_the_environment_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in THREADS:
-        monkeypatch.setenv(name, "7")
-    use_one_thread()
-    assert {os.environ[name] for name in THREADS} == {"1"}
+def test_the_number_of_threads_is_one_whatever_the_environment_says() -> None:
+    script = "import os, replay.base.threads as t; t.use_one_thread(); print(*(os.environ[n] for n in t.VARIABLES))"
+    environment = os.environ | dict.fromkeys(VARIABLES, "7")
+    said = subprocess.check_output([sys.executable, "-c", script], env=environment, text=True)
+    assert set(said.split()) == {"1"}
+    assert set(THREADS) <= set(VARIABLES)
+
+
+def test_libraries_that_are_loaded_already_work_on_one_thread_and_get_theirs_back() -> None:
+    script = """
+import numpy, threadpoolctl
+from replay.base.threads import one_thread
+def most(): return max(library["num_threads"] for library in threadpoolctl.threadpool_info())
+for _ in range(2):
+    with one_thread():
+        print(most(), end=" ")
+    print(most(), end=" ")
+"""
+    environment = {name: value for name, value in os.environ.items() if not name.endswith("_THREADS")}
+    said = subprocess.check_output([sys.executable, "-c", script], env=environment, text=True).split()
+    cores = str(len(os.sched_getaffinity(0)))
+    assert said == ["1", cores, "1", cores]
 
 
 def test_no_command_loads_numpy_before_the_number_of_threads_is_set() -> None:

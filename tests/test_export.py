@@ -15,8 +15,12 @@ from mcap.records import DataEnd
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_bytes import DEFINITIONS, chunk, container
+from mcap_bytes import channel as channel_record
 from mcap_bytes import message as message_record
+from mcap_bytes import record as any_record
+from mcap_bytes import schema as schema_record
 from mcap_ros2.decoder import DecoderFactory
+from results_maker import results_data
 
 import replay.cli
 from replay.base.errors import LogError
@@ -24,7 +28,7 @@ from replay.logs import ReadOptions, read_cases
 from replay.logs.container.append import NewTopic, append
 from replay.logs.container.scan import scan
 from replay.logs.export import PATH, axle_poses, topic_names, write_export
-from replay.run.results import path_from_document, read_results
+from replay.run.plain import path_from_document
 
 QUICK = ["--method", "shortcut", "--shortcut.tries", "10", "--no-recording", "--export"]
 
@@ -119,6 +123,24 @@ def test_a_log_that_is_cut_off_after_it_was_read_is_not_copied(tmp_path):
         append(log, io.BytesIO(), [], {})
 
 
+def test_a_log_with_a_broken_channel_record_is_not_copied(tmp_path):
+    broken = any_record(4, struct.pack("<HHI", 2, 1, 1 << 30) + b"/y")  # its topic is longer than its record
+    log = tmp_path / "log.mcap"
+    log.write_bytes(container(chunk(DEFINITIONS + message_record()), broken))
+    with pytest.raises(LogError, match="cannot be copied") as error, (tmp_path / "copy.mcap").open("wb") as file:
+        append(scan(log, lambda _: False), file, [], {})
+    assert error.value.code == "E_EXPORT"
+
+
+def test_fields_of_a_later_version_of_the_format_are_copied_into_the_summary(tmp_path):
+    extended = channel_record(extra=b"later")
+    log = tmp_path / "log.mcap"
+    log.write_bytes(container(chunk(schema_record() + extended + message_record())))
+    with (tmp_path / "copy.mcap").open("wb") as file:
+        append(scan(log, lambda _: False), file, [], {})
+    assert (tmp_path / "copy.mcap").read_bytes().count(extended) == 2
+
+
 def test_a_chunk_without_records_does_not_change_the_times_of_a_copy(tmp_path):
     content = container(chunk(DEFINITIONS + message_record(time=70)), chunk(b""))
     (tmp_path / "log.mcap").write_bytes(content)
@@ -144,7 +166,7 @@ def test_other_software_reads_the_paths_of_truck_and_trailer(exported):
     original, out = exported
     content = (out / "yard.optimised.mcap").read_bytes()
     assert content.startswith(data_section(original))
-    document = read_results(out / "yard.results.json")
+    document = results_data(out / "yard.results.json")
     expected = {method["name"]: path_from_document(method["path"]).samples.states for method in document["methods"]}
     cases = read_cases(out.parent / "yard.mcap")
     reader = make_reader(io.BytesIO(content), validate_crcs=True, decoder_factories=[DecoderFactory()])
@@ -180,7 +202,7 @@ def test_the_copy_is_read_as_the_log_was_and_an_exported_path_on_demand(exported
             np.testing.assert_array_equal(getattr(a, key), getattr(b, key))
     (chosen,) = read_cases(copy, ReadOptions(path_topic="/replay/shortcut/path"))
     assert chosen.read.hitch == "trailer path"
-    document = read_results(out / "yard.results.json")
+    document = results_data(out / "yard.results.json")
     length = document["methods"][0]["metrics"]["length"]
     assert chosen.problem.recorded.length == pytest.approx(length, rel=1e-3)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from logs_maker import LogMaker, drive, grid, joints, path, typestore, yard
 from mcap.reader import make_reader
+from results_maker import results_data
 from rosbags.interfaces import (
     ConnectionExtRosbag2,
     Qos,
@@ -21,7 +22,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 import replay.cli
 from replay.logs import ReadOptions, read_cases
 from replay.logs.container.scan import scan
-from replay.run.results import path_from_document, read_results
+from replay.run.plain import path_from_document
 
 QUICK = ["--method", "shortcut", "--shortcut.tries", "10", "--no-recording", "--export"]
 LISTED = """rosbag2_bagfile_information:
@@ -66,7 +67,7 @@ def test_every_part_is_copied_byte_for_byte(bag: pathlib.Path, copy: pathlib.Pat
 
 def test_rosbags_reads_the_messages_of_all_parts_and_the_new_paths(bag: pathlib.Path, copy: pathlib.Path) -> None:
     store = typestore()
-    document = read_results(copy.parent / "bag_2024.01.results.json")
+    document = results_data(copy.parent / "bag_2024.01.results.json")
     expected = path_from_document(document["methods"][0]["path"]).samples.states
     with Reader(copy) as reader:
         counts = {connection.topic: connection.msgcount for connection in reader.connections}

@@ -15,7 +15,8 @@ from replay.base.errors import LogError
 from replay.cli import main
 from replay.logs import read_cases
 from replay.logs.container.folder import METADATA, open_log
-from replay.logs.container.records import Limits, Log
+from replay.logs.container.log import Log, ReadLimits
+from replay.logs.meaning.topics import topics_of
 from replay.logs.meaning.understood import uses
 from replay.run.case import Case
 
@@ -92,7 +93,7 @@ def test_a_recording_in_parts_by_rosbag2_itself_counts_as_one(tmp_path: pathlib.
     assert len(log.messages) == 3177
     assert not log.findings
     assert log.sha256 == by_number.sha256
-    assert [use.text for use in uses(log)] == ["not read: unknown type"]
+    assert [use.text for use in uses(log, topics_of(log))] == ["not read: unknown type"]
 
 
 def test_parts_that_are_missing_damaged_or_not_listed_are_told(bag: pathlib.Path) -> None:
@@ -161,7 +162,7 @@ def test_a_bag_none_of_whose_parts_can_be_read_is_refused(bag: pathlib.Path) -> 
 def test_all_parts_share_the_limit_of_what_is_kept(bag: pathlib.Path) -> None:
     size = sum(len(message.data) for message in open_log(bag / "b.mcap", everything).messages)
     with pytest.raises(LogError) as caught:
-        open_log(bag, everything, Limits(kept=size + 1000))
+        open_log(bag, everything, ReadLimits(kept=size + 1000))
     assert caught.value.code == "E_TOO_LARGE"
 
 
@@ -191,7 +192,7 @@ def test_what_was_not_understood_is_told_with_the_reason(
     maker.add("/lots", make.polygon([(0.0, 0.0)])).add("/shapes", make.markers(make.marker(1, (1.0, 1.0, 1.0))))
     maker.add("/tf", make.transforms(make.transform("a", "b", (0.0, 0.0, 0.0))))
     log = open_log(maker.write(tmp_path / "odd.mcap"), everything)
-    found = {channel.topic: use for channel, use in zip(log.channels, uses(log), strict=True)}
+    found = {channel.topic: use for channel, use in zip(log.channels, uses(log, topics_of(log)), strict=True)}
     assert found["/truck"] == ("path", "path, 105 poses")
     assert found["/image"] == (None, "not read: unknown type")
     assert found["/cut"].text.endswith("[E_PAYLOAD]")
@@ -215,11 +216,12 @@ def test_channels_without_a_schema_or_without_messages_are_told(tmp_path: pathli
         writer.add_message(plain, log_time=1, publish_time=1, data=b"{}")
         writer.register_channel("/path", "cdr", writer.register_schema(make.PATH, "ros2msg", b""))
         writer.finish()
-    assert [use.text for use in uses(open_log(file, everything))] == ["not read: no schema", "no messages"]
+    log = open_log(file, everything)
+    assert [use.text for use in uses(log, topics_of(log))] == ["not read: no schema", "no messages"]
 
 
 def test_real_messages_in_an_encoding_of_their_own_are_told() -> None:
     log = open_log(DATA / "wrong_rmw_test_0.mcap", everything)
     assert [channel.encoding for channel in log.channels] == ["wrong_format"] * 2
-    assert {use.text for use in uses(log)} == {"not read: unknown type"}
+    assert {use.text for use in uses(log, topics_of(log))} == {"not read: unknown type"}
     assert sum(log.counts.values()) == sum(open_log(DATA / "cdr_test_0.mcap", everything).counts.values()) == 7

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from replay.base.errors import LogError
-from replay.logs.messages.content import PayloadError
-from replay.logs.messages.foxglove import FAMILIES
-from replay.logs.messages.structure import MESSAGES
+from replay.logs.messages.foxglove import MESSAGE_TYPES
+from replay.logs.messages.foxglove_definitions import MESSAGES
+from replay.logs.messages.types import PayloadError
 from replay.run.case import Case
 
 Read = Callable[..., list[Case]]
@@ -22,10 +22,10 @@ BOTH = pytest.mark.parametrize("encoding", ["protobuf", "json"])
 
 
 def decode(each: Any, encoding: str = "protobuf") -> Any:
-    family = FAMILIES[each.DESCRIPTOR.full_name]
+    family = MESSAGE_TYPES[each.DESCRIPTOR.full_name]
     if encoding == "json":
-        return family.reader(("json", "jsonschema"), b"")(json.dumps(fox.tree(each)).encode())
-    return family.reader(("protobuf", "protobuf"), fox.definition(each))(each.SerializeToString())
+        return family.decoder(("json", "jsonschema"), b"")(json.dumps(fox.tree(each)).encode())
+    return family.decoder(("protobuf", "protobuf"), fox.definition(each))(each.SerializeToString())
 
 
 def refused(each: Any, encoding: str = "protobuf") -> str:
@@ -214,4 +214,4 @@ def test_every_field_that_is_read_is_foxgloves_own() -> None:
         known = fox.message(name.removeprefix("foxglove.")).DESCRIPTOR.fields_by_name
         assert {field.name for field in fields} <= set(known)
         assert all(known[field.name].is_repeated == field.repeated for field in fields)
-    assert set(FAMILIES) <= set(MESSAGES)
+    assert set(MESSAGE_TYPES) <= set(MESSAGES)

@@ -6,20 +6,21 @@ import logs_maker as make
 import pytest
 from idl_maker import idl
 
-from replay.logs.messages.idl import MAX_DEPTH, MAX_FIELDS, MAX_TYPES, LayoutError, parse_idl
-from replay.logs.messages.layout import matching_layout
-from replay.logs.messages.ros2 import FAMILIES
+from replay.logs.messages.definition import matching_definition
+from replay.logs.messages.idl import MAX_DEPTH, MAX_FIELDS, MAX_TYPES, parse_idl
+from replay.logs.messages.ros2 import MESSAGE_TYPES
+from replay.logs.messages.types import DefinitionError
 
 
-@pytest.mark.parametrize("kind", sorted(FAMILIES))
+@pytest.mark.parametrize("kind", sorted(MESSAGE_TYPES))
 def test_every_type_is_known_by_its_idl_too(kind: str) -> None:
-    assert matching_layout(kind, idl(kind).encode(), FAMILIES[kind].standards, "ros2idl") == 0
+    assert matching_definition(kind, idl(kind).encode(), MESSAGE_TYPES[kind].standards, "ros2idl") == 0
 
 
 def test_a_changed_idl_is_told_by_its_first_difference() -> None:
     changed = idl(make.GRID).replace("float resolution", "double resolution")
-    with pytest.raises(LayoutError, match="'float64 resolution', expected 'float32 resolution'"):
-        matching_layout(make.GRID, changed.encode(), FAMILIES[make.GRID].standards, "ros2idl")
+    with pytest.raises(DefinitionError, match="'float64 resolution', expected 'float32 resolution'"):
+        matching_definition(make.GRID, changed.encode(), MESSAGE_TYPES[make.GRID].standards, "ros2idl")
 
 
 def test_all_types_that_ros_writes_in_idl_are_understood() -> None:
@@ -62,7 +63,7 @@ def test_all_types_that_ros_writes_in_idl_are_understood() -> None:
     ],
 )
 def test_what_is_not_understood_is_an_error_of_one_line(text: str, says: str) -> None:
-    with pytest.raises(LayoutError, match=says) as caught:
+    with pytest.raises(DefinitionError, match=says) as caught:
         parse_idl(text)
     assert "\n" not in str(caught.value)
 
@@ -71,6 +72,6 @@ def test_what_is_not_understood_is_an_error_of_one_line(text: str, says: str) ->
 def test_no_text_takes_long(piece: str) -> None:
     text = "struct S { " + piece * (250_000 // len(piece))
     started = time.process_time()
-    with pytest.raises(LayoutError):
+    with pytest.raises(DefinitionError):
         parse_idl(text)
-    assert time.process_time() - started < 2.0
+    assert time.process_time() - started < 10.0, "coverage slows it several times; more than in proportion is hours"

@@ -11,7 +11,7 @@ import pytest
 import stream_maker as single
 
 import replay.cli
-from replay.logs.messages.families import FAMILIES
+from replay.logs.messages import MESSAGE_TYPES
 
 TRUCK, AXLE = make.drive()
 TURN = (0.0, 0.0, 0.1)
@@ -53,14 +53,14 @@ def added(maker: make.LogMaker, topic: str, message: Any, when: int) -> make.Log
 
 
 def test_every_type_that_is_understood_is_tried() -> None:
-    assert {kind_of(message) for message in EVERY_TYPE} == set(FAMILIES)
+    assert {kind_of(message) for message in EVERY_TYPE} == set(MESSAGE_TYPES)
 
 
 @pytest.mark.parametrize("message", EVERY_TYPE, ids=kind_of)
 def test_info_says_what_is_in_messages_of_every_type(
     message: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    role = FAMILIES[kind_of(message)].role
+    role = MESSAGE_TYPES[kind_of(message)].role
     maker = make.LogMaker().vehicle()
     if role not in ("grid", "markers", "polygon"):
         maker.add("/map", make.grid(make.yard()), 1)

@@ -14,11 +14,11 @@ import recording_factory as factory
 import rerun_cli
 from logs_maker import sound_log
 from rerun.chunk import RrdReader
+from results_maker import results_data
 
 import replay.cli
 from optim.model.result import Iterate
 from replay.recording.viewer import LiveView, NoViewer, open_viewer
-from replay.run.results import read_results
 
 QUICK = ["--method", "shortcut", "--shortcut.tries", "20", "--no-recording"]
 
@@ -90,7 +90,7 @@ def test_map_path_iterates_and_result_arrive_at_the_viewer(server, log, tmp_path
     assert run("optimize", log, *QUICK, "--viewer", server.url, "--out", tmp_path) == 0
     assert capsys.readouterr().err == ""
     rows = server.rows()
-    history = read_results(tmp_path / "yard.results.json")["methods"][0]["history"]
+    history = results_data(tmp_path / "yard.results.json")["methods"][0]["history"]
     accepted = sum(row["accepted"] for row in history)
     assert accepted > 0
     assert rows["/scene/shortcut/iterate"] >= 2 * accepted, "as they came, and again with the result"

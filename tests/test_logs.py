@@ -12,7 +12,7 @@ from replay.base.errors import LogError
 from replay.logs.meaning.motion import heading_from_motion
 from replay.logs.meaning.pairing import hitch_misfit, trailer_at_poses
 from replay.logs.meaning.poses import recorded_poses
-from replay.logs.messages.content import Header, PoseSeries
+from replay.logs.messages.types import Header, PoseSeries
 from replay.run.case import Case
 
 Read = Callable[..., list[Case]]

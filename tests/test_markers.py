@@ -11,7 +11,7 @@ from shapely import Polygon, union_all
 from replay.base.errors import LogError
 from replay.logs.meaning.markers import marker_polygons
 from replay.logs.meaning.planar import Refusal
-from replay.logs.messages.content import Header, Marker
+from replay.logs.messages.types import Header, Marker
 from replay.run.case import Case
 
 Read = Callable[..., list[Case]]

@@ -1,5 +1,6 @@
-"""The same scene and path from every family, encoding, compression and encoding of definitions; and from whole logs of
-other software.
+"""The same scene and path from every family, encoding, compression and encoding of definitions.
+
+And from whole logs of other software.
 """
 
 import io

@@ -16,11 +16,11 @@ from stream_maker import odometry, stamped, with_covariance
 from optim.model.vehicle import Vehicle
 from replay.base.errors import LogError
 from replay.logs.container.folder import open_log
-from replay.logs.meaning.topics import is_wanted
+from replay.logs.meaning.topics import is_wanted, topics_of
 from replay.logs.meaning.understood import uses
 from replay.logs.messages.cdr import CdrError
-from replay.logs.messages.content import Joints, PoseSeries, Ring, Transform
-from replay.logs.messages.ros2 import FAMILIES
+from replay.logs.messages.ros2 import MESSAGE_TYPES
+from replay.logs.messages.types import Joints, PoseSeries, Ring, Transform
 from replay.run.case import Case
 
 Read = Callable[..., list[Case]]
@@ -32,7 +32,7 @@ rows = st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 3), max_size=9)
 
 
 def decode(message: Any) -> Any:
-    return FAMILIES[message.__msgtype__].decode(make.serialised(message), 0)
+    return MESSAGE_TYPES[message.__msgtype__].decode(make.serialised(message), 0)
 
 
 def moving(poses: np.ndarray) -> np.ndarray:
@@ -108,7 +108,7 @@ def test_joints_and_transforms_come_back_exactly(names: list[str], value: float)
 )
 def test_a_payload_of_the_wrong_length_is_an_error_wherever_it_ends(message: Any) -> None:
     data = make.serialised(message)
-    family = FAMILIES[message.__msgtype__]
+    family = MESSAGE_TYPES[message.__msgtype__]
     for end in range(len(data) - 4):
         with pytest.raises(CdrError):
             family.decode(data[:end], 0)
@@ -121,7 +121,7 @@ def test_a_trajectory_with_times_that_are_none_is_refused() -> None:
     at = data.index((5).to_bytes(4, "little"))
     data[at : at + 4] = b"\xff" * 4
     with pytest.raises(CdrError, match="nanosec is 4294967295"):
-        FAMILIES["autoware_planning_msgs/msg/Trajectory"].decode(bytes(data), 0)
+        MESSAGE_TYPES["autoware_planning_msgs/msg/Trajectory"].decode(bytes(data), 0)
 
 
 # ---- paths
@@ -223,7 +223,10 @@ def test_poses_that_come_one_by_one_make_a_path(read: Read, one: Callable[..., A
 
 def test_info_counts_poses_that_come_one_by_one(tmp_path: Path) -> None:
     log = open_log(streamed(odometry).write(tmp_path / "driven.mcap"), is_wanted)
-    assert {use.text for use in uses(log)} == {"map: grid, 60000 cells", f"poses one by one, {len(TRUCK)} poses"}
+    assert {use.text for use in uses(log, topics_of(log))} == {
+        "map: grid, 60000 cells",
+        f"poses one by one, {len(TRUCK)} poses",
+    }
 
 
 def test_beside_a_path_single_poses_are_used_only_where_an_option_names_them(read: Read, refusal: Refusal) -> None:

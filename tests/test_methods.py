@@ -15,9 +15,9 @@ from optim.model.result import Result, Stop
 from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle
 from replay.cli.options import options_of
-from replay.run.results import path_to_document
+from replay.run.plain import path_to_document
 
-SEEDS = range(8)
+SEEDS = [*range(3), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 8))]
 every_method = pytest.mark.parametrize("name", METHODS)
 
 

@@ -13,7 +13,6 @@ from optim.model.vehicle import Vehicle
 from replay.logs import read_cases
 from replay.run.case import Case
 from replay.run.judge import run_case
-from replay.run.results import to_document
 
 VEHICLE = Vehicle()
 
@@ -68,18 +67,18 @@ def test_the_repaired_path_is_near_the_true_one_and_its_ends_are_the_logs(noisy_
 @pytest.mark.parametrize("method", ["ddp", "scp"])
 def test_a_noisy_log_is_improved_and_its_repair_is_told(noisy_case: Case, method: str) -> None:
     run = run_case(noisy_case, {method: METHODS[method]})
-    assert run.recorded_audit["passed"], run.recorded_audit
+    assert run.recorded_audit.passed, run.recorded_audit
     (made,) = run.methods
     assert made.status == "improved", made.reason
-    assert made.audit["passed"]
-    assert made.metrics["objective"] < 0.98 * run.recorded_metrics["objective"]
-    read = to_document(run)["read"]
-    assert 0.01 < read["rms_deviation_m"] < 0.03
-    assert read["rms_deviation_m"] < read["max_deviation_m"] < 0.08
-    assert 0.002 < read["rms_deviation_rad"] < 0.01
-    assert 0.0 < read["goal_hitch_sigma"] < 0.1
-    assert read["hitch"] == "reconstructed"
-    notes = "; ".join(read["notes"])
+    assert made.audit.passed
+    assert made.metrics.objective < 0.98 * run.recorded_metrics.objective
+    read = run.case.read
+    assert 0.01 < read.rms_deviation_m < 0.03
+    assert read.rms_deviation_m < read.max_deviation_m < 0.08
+    assert 0.002 < read.rms_deviation_rad < 0.01
+    assert 0.0 < read.goal_hitch_sigma < 0.1
+    assert read.hitch == "reconstructed"
+    notes = "; ".join(read.notes)
     assert "its poses have noise of" in notes
     assert "no vehicle" in notes or "default" in notes
 

@@ -7,8 +7,12 @@ from typing import Annotated, Any, Literal
 import pytest
 from cyclopts import App, Parameter
 
-from replay.cli.options import UsageError, flags_of, options_of, with_flags
-from replay.cli.reading import read_vehicle
+from optim.model.vehicle import Vehicle
+from replay.base.errors import UsageError
+from replay.cli.options import flags_of, options_of, with_flags
+from replay.run.vehicle_file import read_vehicle
+
+FIELDS = [field.name for field in dataclasses.fields(Vehicle)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -67,11 +71,14 @@ def test_a_vehicle_file_sets_what_it_names(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("wheel_base = 3.8", "unknown key 'wheel_base'; did you mean 'wheelbase'?"),
-        ("colour = 3.8", "unknown key 'colour'; there are: wheelbase"),
-        ("wheelbase = 3800", "wheelbase is 3800, expected"),
+        ("wheel_base = 3.8", "unknown key 'wheel_base'. Did you mean 'wheelbase'?"),
+        ("colour = 3.8", "unknown key 'colour'. There are: wheelbase"),
+        ("wheelbase = 3800", "truck.toml: wheelbase is 3800.0, expected"),
         ("wheelbase = 'long'", "wheelbase is 'long', expected"),
+        ("wheelbase = true", "wheelbase is true, expected a number"),
         ("wheelbase = ", "not TOML"),
+        *((f"{name} = 1" + "0" * 400, f"{name} is a number of 401 digits") for name in FIELDS),
+        *((f"{name} = 1e400", f"{name} is a number of 401 digits") for name in FIELDS),
     ],
 )
 def test_a_vehicle_file_with_a_mistake_is_refused_by_name(tmp_path, text, words):

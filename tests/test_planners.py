@@ -1,6 +1,7 @@
 """Every planner: its paths pass the audit, the same seed gives the same path, and it ends where there is none."""
 
 from dataclasses import asdict
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,34 +11,35 @@ from optim.model.flat_map import state_from_flat
 from optim.model.path import Path
 from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle
-from optim.planning.closed_loop import ClosedLoopTree
+from optim.planning.closed_loop import ClosedLoopRrt
 from optim.planning.drive_kernels import drive
-from optim.planning.exact_tree import ExactTree
 from optim.planning.hybrid import HybridAStar, way_round
-from optim.planning.protocol import Planner, Task
-from optim.planning.rrt import Search
+from optim.planning.lookup import lookup_table
+from optim.planning.protocol import Area, Planner, PlanningProblem
+from optim.planning.rrt import Rrt
 from optim.steering.flat import Flat
-from replay.run.results import path_to_document, scene_to_document
-from tools.corpus.site import Area, Wall
+from replay.run.plain import path_to_document, scene_to_document
+from tools.corpus.site import Wall
 
 VEHICLE = Vehicle()
 OUTLINE = [[-40.0, -20.0], [40.0, -20.0], [40.0, 20.0], [-40.0, 20.0]]
+small_table = partial(lookup_table, half=5)
 PLANNERS: dict[str, Planner] = {
-    "tree": ExactTree(),
-    "closed loop": ClosedLoopTree(table_half=5),
-    "hybrid": HybridAStar(table_half=5),
+    "tree": Rrt(),
+    "closed loop": ClosedLoopRrt(table=small_table),
+    "hybrid": HybridAStar(table=small_table),
 }
 BOUNDED: dict[str, Planner] = {
-    "tree": ExactTree(search=Search(max_iterations=40)),
-    "closed loop": ClosedLoopTree(table_half=5, max_iterations=60),
-    "hybrid": HybridAStar(table_half=5, max_nodes=2000),
+    "tree": Rrt(max_iterations=40),
+    "closed loop": ClosedLoopRrt(table=small_table, max_iterations=60),
+    "hybrid": HybridAStar(table=small_table, max_nodes=2000),
 }
 
 
-def make_task(low: float) -> Task:
+def make_problem(low: float) -> PlanningProblem:
     """From one side to the other of a wall that begins at `low`."""
     walls = Wall(points=((0.0, -20.0), (0.0, low)), width=1.0).parts()
-    return Task(
+    return PlanningProblem(
         vehicle=VEHICLE,
         scene=make_scene(walls, boundary=OUTLINE),
         start=Flat(-24.0, 0.0, 0.0, 0.05),
@@ -51,15 +53,16 @@ def samples(path: Path) -> np.ndarray:
     return np.column_stack([path.samples.states, path.samples.phi])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLANNERS)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_plan_passes_the_audit_and_ends_where_asked(name: str, seed: int) -> None:
-    task = make_task(-3.0)
-    plan = PLANNERS[name].plan(task, seed)
+    problem = make_problem(-3.0)
+    plan = PLANNERS[name].plan(problem, seed)
     assert plan is not None
-    report = audit_recorded(asdict(VEHICLE), scene_to_document(task.scene), path_to_document(plan.path))
+    report = audit_recorded(asdict(VEHICLE), scene_to_document(problem.scene), path_to_document(plan.path))
     assert report.passed, report.failures
-    ends, _ = state_from_flat(VEHICLE, np.array([task.start, task.goal]))
+    ends, _ = state_from_flat(VEHICLE, np.array([problem.start, problem.goal]))
     np.testing.assert_allclose(plan.path.start, ends[0], atol=1e-9)
     np.testing.assert_allclose(plan.path.goal[[0, 1, 3]], ends[1, [0, 1, 3]], atol=1e-6)
     assert np.cos(plan.path.goal[2] - ends[1, 2]) == pytest.approx(1.0)
@@ -68,10 +71,11 @@ def test_a_plan_passes_the_audit_and_ends_where_asked(name: str, seed: int) -> N
     assert (np.diff(plan.nodes) > 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLANNERS)
 def test_the_same_seed_gives_the_same_path_and_another_seed_another(name: str) -> None:
-    task = make_task(1.0)
-    first, again, other = (PLANNERS[name].plan(task, seed) for seed in (5, 5, 6))
+    problem = make_problem(1.0)
+    first, again, other = (PLANNERS[name].plan(problem, seed) for seed in (5, 5, 6))
     assert first is not None
     assert again is not None
     assert other is not None
@@ -81,14 +85,14 @@ def test_the_same_seed_gives_the_same_path_and_another_seed_another(name: str) -
 
 @pytest.mark.parametrize("name", BOUNDED)
 def test_a_planner_ends_where_there_is_no_way_or_no_time(name: str) -> None:
-    assert BOUNDED[name].plan(make_task(20.0), 0) is None
-    assert PLANNERS[name].plan(make_task(20.0), 0, time_limit=0.0) is None
+    assert BOUNDED[name].plan(make_problem(20.0), 0) is None
+    assert PLANNERS[name].plan(make_problem(20.0), 0, give_up=lambda: True) is None
 
 
 def test_the_way_round_obstacles_is_as_long_as_the_plane_asks() -> None:
-    task = make_task(10.0)
-    field, (x0, y0, size) = way_round(task)
-    ends, _ = state_from_flat(VEHICLE, np.array([task.start, task.goal]))
+    problem = make_problem(10.0)
+    field, (x0, y0, size) = way_round(problem)
+    ends, _ = state_from_flat(VEHICLE, np.array([problem.start, problem.goal]))
     (start, goal), corner = ends[:, :2], np.array([0.0, 10.0])
     direct = np.hypot(*(goal - start))
     least = np.hypot(*(corner - start)) + np.hypot(*(goal - corner))
@@ -103,7 +107,7 @@ def driven(gear: int, offset: float, turn: float, alpha: float, spare: float = 1
     l_t = VEHICLE.hitch_to_axle
     start = np.array([0.0, offset, heading, alpha])
     far = (gear * 200.0, 0.0, 0.0)
-    options = ClosedLoopTree()
+    options = ClosedLoopRrt()
     look = options.look_ahead if gear > 0 else options.look_behind
     law = (look * l_t, options.settle * l_t, 0.6 * VEHICLE.max_kappa, spare * VEHICLE.max_steer)
     limits = (VEHICLE.max_hitch, VEHICLE.max_steer_rate)

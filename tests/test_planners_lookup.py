@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from optim.model.vehicle import Vehicle
-from optim.planning.lookup import BEND, CELL, HEADINGS, Table, exact_length, lookup_table, node_pose
+from optim.planning.lookup import BEND, CELL, HEADINGS, Table, build_table, exact_length, node_pose
 from optim.steering.flat import Flat
+from tools.corpus.tables import kept_table
 
 VEHICLE = Vehicle()
 HALF = 4
@@ -23,7 +24,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def table(folder: Path) -> Table:
-    return lookup_table(VEHICLE, HALF, folder)
+    return kept_table(VEHICLE, HALF, folder)
 
 
 def random_pair(rng: np.random.Generator, bend: float) -> tuple[Flat, Flat]:
@@ -101,9 +102,10 @@ def test_beyond_the_grid_and_where_nothing_is_known_there_is_still_a_distance(ta
 def test_a_table_is_read_back_from_its_file_and_not_for_another_vehicle(table: Table, folder: Path) -> None:
     (path,) = folder.glob("lookup-*.npy")
     before = path.stat().st_mtime_ns
-    lookup_table.cache_clear()
-    again = lookup_table(VEHICLE, HALF, folder)
+    kept_table.cache_clear()
+    again = kept_table(VEHICLE, HALF, folder)
     assert (again.values == table.values).all()
+    assert (again.values == build_table(VEHICLE, HALF).values).all()
     assert path.stat().st_mtime_ns == before
-    lookup_table(Vehicle(max_steer=0.5), 2, folder)
+    kept_table(Vehicle(max_steer=0.5), 2, folder)
     assert len(list(folder.glob("lookup-*.npy"))) == 2

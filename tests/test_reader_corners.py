@@ -12,10 +12,11 @@ import pytest
 from mcap_bytes import DEFINITIONS, FOOTER, HEADER, channel, chunk, codes, container, message, record, schema, text
 
 from replay.base.errors import LogError
-from replay.logs.container.records import Channel, Limits, Log
+from replay.logs.container.log import Channel, Log, ReadLimits
 from replay.logs.container.scan import scan
-from replay.logs.messages.layout import LayoutError, matching_layout
-from replay.logs.messages.ros2 import FAMILIES
+from replay.logs.messages.definition import matching_definition
+from replay.logs.messages.ros2 import MESSAGE_TYPES
+from replay.logs.messages.types import DefinitionError
 from replay.run.case import Case
 
 Scanned = Callable[..., Log]
@@ -74,7 +75,7 @@ def test_a_topic_that_is_defined_where_the_checksum_is_wrong_is_dropped(scanned:
 def test_more_channels_than_the_limit_are_an_error(scanned: Scanned) -> None:
     many = b"".join(channel(number) for number in range(1, 5))
     with pytest.raises(LogError) as caught:
-        scanned(container(chunk(schema() + many)), Limits(channels=3))
+        scanned(container(chunk(schema() + many)), ReadLimits(channels=3))
     assert caught.value.code == "E_TOO_MANY_CHANNELS"
 
 
@@ -139,9 +140,9 @@ def test_a_file_that_is_cut_while_it_is_read_is_no_log(tmp_path: Path) -> None:
     ],
 )
 def test_a_definition_that_is_not_the_standard_one_is_told_by_its_first_difference(change, says: str) -> None:
-    standard = FAMILIES["nav_msgs/msg/OccupancyGrid"].standards[0]
-    with pytest.raises(LayoutError, match=says):
-        matching_layout("nav_msgs/msg/OccupancyGrid", change(standard).encode(), (standard,))
+    standard = MESSAGE_TYPES["nav_msgs/msg/OccupancyGrid"].standards[0]
+    with pytest.raises(DefinitionError, match=says):
+        matching_definition("nav_msgs/msg/OccupancyGrid", change(standard).encode(), (standard,))
 
 
 # ---- what is there at all
@@ -153,7 +154,7 @@ def test_a_log_without_a_message_says_so(refusal: Refusal) -> None:
 
 def test_a_path_whose_definition_is_missing_is_told_apart_from_none(refusal: Refusal) -> None:
     kind, data = make.GRID, make.serialised(make.grid(make.yard()))
-    definition = FAMILIES[kind].standards[0].encode()
+    definition = MESSAGE_TYPES[kind].standards[0].encode()
     map_records = schema(1, kind, definition) + channel(1, topic="/map") + message(1, data=data)
     error = refusal(container(chunk(map_records), chunk(channel(2, schema_id=9, topic="/truck") + message(2))))
     assert error.code == "E_NO_SCHEMA"

@@ -14,7 +14,7 @@ from optim.model.scene import make_scene
 from replay.recording import picture, text
 from replay.recording.local import moved
 from replay.recording.tracks import PROGRESS, chosen_rows, progress
-from replay.run.judge import Run
+from replay.run.outcome import Run
 
 
 def test_a_recording_has_its_three_timelines_and_its_blueprint(one_read: Contents) -> None:
@@ -60,7 +60,7 @@ def test_signals_are_those_of_the_path(one: Run, one_read: Contents) -> None:
         assert shown[[0, -1]] == pytest.approx(values[[0, -1]])
         assert np.abs(shown).max() == pytest.approx(np.abs(values[rows]).max(), rel=0.02, abs=1e-6)
     clearance = np.array(one_read.rows("/signals/clearance_m/shortcut", "Scalars:scalars", "progress"))
-    assert clearance.min() == pytest.approx(one.methods[0].metrics["min_clearance"], abs=0.01)
+    assert clearance.min() == pytest.approx(one.methods[0].metrics.min_clearance, abs=0.01)
 
 
 def test_limits_are_drawn_from_end_to_end(one: Run, one_read: Contents) -> None:
@@ -132,9 +132,9 @@ def test_the_summary_begins_with_the_verdict(one: Run, one_read: Contents) -> No
     lines = one_read.text("/report/summary").splitlines()
     before, after = one.recorded_metrics, one.methods[0].metrics
     assert lines[0].startswith("# ✓ Shortcut improved the path: J −")
-    assert f"J {before['objective']:.1f} → {after['objective']:.1f}" in lines[2]
-    assert f"{before['length']:.1f} → {after['length']:.1f} m, 3 → 1 gear change" in lines[2]
-    assert lines[4] == f"**✓ Safe: audit passed, clearance {after['min_clearance']:.2f} m (required: 0.10 m)**"
+    assert f"J {before.objective:.1f} → {after.objective:.1f}" in lines[2]
+    assert f"{before.length:.1f} → {after.length:.1f} m, 3 → 1 gear change" in lines[2]
+    assert lines[4] == f"**✓ Safe: audit passed, clearance {after.min_clearance:.2f} m (required: 0.10 m)**"
 
 
 def test_kept_and_rejected_methods_say_so_with_their_reasons(five_read: Contents) -> None:
@@ -151,11 +151,12 @@ def test_a_rejected_path_is_drawn_with_a_mark_where_its_audit_failed(five: Run, 
     rejected = five.methods[3]
     assert rejected.rejected is not None
     assert rejected.rejected_path is not None
-    place = rejected.rejected["checks"]["clearance"]["place"]
-    segment = rejected.rejected_path.segments[place["segment"]]
+    place = rejected.rejected.clearance.place
+    assert place is not None
+    segment = rejected.rejected_path.segments[place.segment]
     (points,) = five_read.rows("/scene/nlp/rejected/audit", "Points2D:positions")
     (labels,) = five_read.rows("/scene/nlp/rejected/audit", "Points2D:labels")
-    x, y = np.interp(place["s"], segment.s, segment.x), np.interp(place["s"], segment.s, segment.y)
+    x, y = np.interp(place.s, segment.s, segment.x), np.interp(place.s, segment.s, segment.y)
     assert np.hypot(points[0][0] - x, points[0][1] - y) < 0.1
     assert labels == ["✗ clearance: −0.854 m"]
     assert five_read.rows("/scene/nlp/rejected/path", "LineStrips2D:strips")
@@ -167,8 +168,8 @@ def test_properties_hold_what_a_table_of_recordings_sorts_by(one: Run, one_read:
 
     assert value("best_method") == "shortcut"
     assert value("status") == "improved"
-    assert value("objective_before") == pytest.approx(one.recorded_metrics["objective"])
-    assert value("objective_after") == pytest.approx(one.methods[0].metrics["objective"])
+    assert value("objective_before") == pytest.approx(one.recorded_metrics.objective)
+    assert value("objective_after") == pytest.approx(one.methods[0].metrics.objective)
     assert (value("cusps_before"), value("cusps_after")) == (3, 1)
     assert value("log_sha256") == one.case.sha256
     assert value("tool_version")

@@ -14,6 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_reading import Contents, names_in_blueprint, written
 
+from optim.audit.data import Place
+from optim.audit.report import Check
 from optim.model.path import Path
 from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle, body_corners
@@ -22,7 +24,7 @@ from replay.base.style import ALARM, RECORDED, styles
 from replay.recording import picture, text, write_recording
 from replay.recording.tracks import chosen_rows, tracks_of
 from replay.recording.writing import Unwritable, recording_id, verify
-from replay.run.judge import Run
+from replay.run.outcome import Run
 
 
 def test_the_same_results_have_the_same_identity_and_others_have_another(one: Run, five: Run) -> None:
@@ -187,15 +189,17 @@ def test_any_text_becomes_one_harmless_table_cell(raw: str) -> None:
 
 
 def test_an_audits_value_is_shown_in_degrees_or_metres() -> None:
-    steer = {"values": {"steer_rad": 0.34}, "limits": {"steer_rad": 0.55}, "place": None}
-    clearance = {
-        "values": {"truck_m": 1.15, "trailer_m": -0.123},
-        "limits": {"truck_m": 0.0, "trailer_m": 0.0},
-        "place": {"body": "trailer"},
-    }
+    steer = Check(passed=True, sentence="", values={"steer_rad": 0.34}, limits={"steer_rad": 0.55})
+    clearance = Check(
+        passed=False,
+        sentence="",
+        values={"truck_m": 1.15, "trailer_m": -0.123},
+        limits={"truck_m": 0.0, "trailer_m": 0.0},
+        place=Place(segment=0, s=0.0, body="trailer"),
+    )
     assert text.measured(steer) == "19.5°"
     assert text.measured(clearance) == "−0.123 m"
-    assert text.measured({}) == ""
+    assert text.measured(Check(passed=True, sentence="", values={}, limits={})) == ""
 
 
 def test_the_blueprint_names_every_tab(one_file: pathlib.Path) -> None:
@@ -229,4 +233,4 @@ def test_the_summary_names_methods_that_are_as_good(tmp_path: pathlib.Path) -> N
     lines = summary.splitlines()
     best, other = ("DDP", "SCP") if "DDP" in lines[0] else ("SCP", "DDP")
     assert lines[0].startswith(f"# ✓ {best} improved the path")
-    assert lines[6] == f"As good within 0.1 %: {other}"
+    assert lines[6] == f"Equally good (within 0.1 %): {other}"

@@ -12,7 +12,8 @@ from recording_reading import Contents, names_in_blueprint, written
 from optim.model.scene import make_scene
 from replay.recording import scene
 from replay.recording.picture import frame_around, swept_area
-from replay.run.judge import Run, run_case
+from replay.run.judge import run_case
+from replay.run.outcome import Run
 
 POSES = "/scene/recorded/logged_poses"
 
@@ -102,7 +103,7 @@ def test_failed_checks_at_one_place_share_a_label(tmp_path: pathlib.Path) -> Non
 
 def test_the_best_path_is_drawn_over_the_others_and_all_over_the_recorded_one(five: Run, five_read: Contents) -> None:
     improved = [method for method in five.methods if method.status == "improved"]
-    best = min(improved, key=lambda method: method.metrics["objective"])
+    best = min(improved, key=lambda method: method.metrics.objective)
     names = ["recorded", *(method.name for method in improved)]
     orders = {name: five_read.rows(f"/scene/{name}/path", "LineStrips2D:draw_order")[0][0] for name in names}
     assert max(orders, key=orders.__getitem__) == best.name

@@ -5,8 +5,7 @@ import pathlib
 import pytest
 
 from replay.base.errors import ReplayError
-from replay.regress.corpus import find_corpus
-from replay.regress.selection import select
+from replay.regress.corpus import find_corpus, select
 
 
 @pytest.fixture
@@ -47,11 +46,11 @@ def test_a_glob_a_list_and_a_single_log_are_corpora_too(corpus):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[logs.a]\nclass = 3", "logs.a.class is a int"),
-        ("[logs]\na = 3", "logs.a is a int"),
-        ("methods = [3]", "methods holds what is no text"),
-        ("[[known]]\nnote = 'x'", "has no log"),
-        ("[[known]]\nlog = 'x'\nmethods = 'x'", "known.methods"),
+        ("[logs.a]\nclass = 3", "logs.a.class is 3, expected a text"),
+        ("[logs]\na = 3", "logs.a is 3, expected an object"),
+        ("methods = [3]", "methods[0] is 3, expected a text"),
+        ("[[known]]\nnote = 'x'", "known[0].log is missing"),
+        ("[[known]]\nlog = 'x'\nmethods = 'x'", "unknown key 'methods' in known[0]. Did you mean 'method'?"),
         ("schema = 'other/1'", "schema is"),
         ("[logs", "not TOML"),
     ],

@@ -7,12 +7,13 @@ import pytest
 import run_maker as maker
 from rich.console import Console
 
-from replay.regress.bar import Bar
+from replay.base.documents import plain
+from replay.base.schemas.corpus import Known
+from replay.cli.regress_progress import RunProgress
 from replay.regress.baseline import read_baseline
 from replay.regress.compare import baseline_entry, compare_log, gone
-from replay.regress.corpus import Known
-from replay.regress.gate import Metric, metrics_of
-from replay.regress.work import Outcome
+from replay.regress.gate import Figure, figures_of
+from replay.regress.job import Outcome
 
 
 def log(name: str = "bay_01", **more):
@@ -24,8 +25,13 @@ def method(entry, which: str = "scp"):
 
 
 def found(entry, before, *verdicts: str, known=(), **more):
-    entries = compare_log(entry, baseline_entry(before) if before else None, known, **more)
-    return [(e["method"], e["key"], e["verdict"]) for e in entries if e["verdict"] in verdicts]
+    compared = compare(entry, before, known, **more)
+    return [(each.method, each.key, each.verdict) for each in compared if each.verdict in verdicts]
+
+
+def compare(entry, before, known=(), **more):
+    figures = baseline_entry(maker.typed(before)) if before else None
+    return compare_log(maker.typed(entry), figures, known, **more)
 
 
 FAILING = ("worse", "crashed", "missing")
@@ -50,16 +56,16 @@ RECORDINGS = pathlib.Path(__file__).parent.parent / "recordings"
     ],
 )
 def test_a_metric_is_judged_by_its_direction_within_its_tolerance(direction, before, after, expected):
-    metric = Metric(key="k", value=after, unit="-", direction=direction, rel_tol=0.001)
-    assert metric.verdict(before) == expected
+    figure = Figure(key="k", value=after, unit="-", direction=direction, rel_tol=0.001)
+    assert figure.verdict(before) == expected
 
 
 def test_statuses_are_ordered_and_a_passed_audit_is_better_than_none():
     def status(value):
-        return Metric(key="status", value=value, unit="-", direction="higher")
+        return Figure(key="status", value=value, unit="-", direction="higher")
 
     def audit(value):
-        return Metric(key="audit", value=value, unit="-", direction="higher")
+        return Figure(key="audit", value=value, unit="-", direction="higher")
 
     assert status("kept").verdict("improved") == "worse"
     assert status("improved").verdict("kept") == "better"
@@ -81,9 +87,11 @@ def test_statuses_are_ordered_and_a_passed_audit_is_better_than_none():
 )
 def test_correctness_is_tight_quality_loose_work_to_a_hundredth_and_time_free(key, value, expected):
     before, after = log(), log()
+    for entry in (before, after):
+        method(entry)["work"]["iterations"] = 1000
     entry = method(after)
     place = entry["work"] if key in entry["work"] else (entry if key == "wall_s" else entry["metrics"])
-    place[key] *= value
+    place[key] = type(place[key])(place[key] * value)
     told = found(after, before, "worse", "better")
     assert told == ([] if expected == "same" else [("scp", key, expected)])
 
@@ -96,9 +104,10 @@ def test_clearance_beyond_what_is_enough_is_not_compared():
 
 
 def test_every_metric_of_a_sound_result_has_a_value():
-    assert [m.key for m in metrics_of(method(log())) if m.value is None] == []
-    figures = read_baseline(RECORDINGS / "baseline.json").logs["bay_01"]["cases"]["0"]["scp"]
-    assert figures.keys() == {m.key for m in metrics_of(method(log()))}
+    result = maker.typed(log()).cases[0].methods[1]
+    assert [figure.key for figure in figures_of(result) if figure.value is None] == []
+    figures = plain(read_baseline(RECORDINGS / "baseline.json").logs["bay_01"].cases["0"]["scp"])
+    assert figures.keys() == {figure.key for figure in figures_of(result)}
     assert [key for key, value in figures.items() if value is None] == []
 
 
@@ -142,12 +151,12 @@ def test_what_a_corpus_expects_is_held_without_a_baseline():
     assert found(kept, None, *FAILING, whole=False) == []
 
 
-def test_a_log_with_other_content_is_compared_with_nothing_and_is_told_once():
+def test_a_log_with_other_content_is_not_compared_and_is_reported_once():
     after = log(sha256="f" * 64)
     method(after)["metrics"]["objective"] *= 2.0
-    (entry,) = compare_log(after, baseline_entry(log()))
-    assert (entry["verdict"], entry["after"]) == ("changed", "f" * 12)
-    assert entry["note"] == "bay_01 is another log than the baseline's: 2 results not compared"
+    (entry,) = compare(after, log())
+    assert (entry.verdict, entry.after) == ("changed", "f" * 12)
+    assert entry.note == "bay_01: the log file changed since the baseline; 2 results not compared"
     method(after)["status"] = "failed"
     assert found(after, log(), *FAILING) == [("scp", "status", "crashed")]
 
@@ -155,36 +164,31 @@ def test_a_log_with_other_content_is_compared_with_nothing_and_is_told_once():
 # ---- known issues
 
 
-def test_a_known_issue_does_not_fail_and_is_told_when_it_has_gone():
+def test_a_known_issue_does_not_fail_and_is_reported_when_it_no_longer_shows():
     issue = Known(log="bay_*", method="scp", key="objective", note="slow start")
     after = log()
     method(after)["metrics"]["objective"] *= 1.1
-    before = baseline_entry(log())
-    entries = compare_log(after, before, [issue])
-    assert [(e["verdict"], e["note"]) for e in entries if e["verdict"] == "known"] == [("known", "slow start")]
-    assert not [e for e in entries if e["verdict"] in FAILING]
+    entries = compare(after, log(), [issue])
+    assert [(e.verdict, e.note) for e in entries if e.verdict == "known"] == [("known", "slow start")]
+    assert not [e for e in entries if e.verdict in FAILING]
     assert gone([issue], entries) == []
-    (passing,) = gone([issue], compare_log(log(), before, [issue]))
-    assert passing["verdict"] == "better"
-    assert "passes" in passing["note"]
-    assert gone([issue], compare_log(log("dock_01"), baseline_entry(log("dock_01")), [issue])) == []
+    (passing,) = gone([issue], compare(log(), log(), [issue]))
+    assert passing.verdict == "better"
+    assert "no longer shows" in passing.note
+    assert gone([issue], compare(log("dock_01"), log("dock_01"), [issue])) == []
 
 
 def test_a_known_issue_has_not_gone_where_its_method_did_not_run_to_its_end():
     issue = Known(log="bay_01", method="scp", key="objective")
-    before = baseline_entry(log())
     without, failed, other, same = log(), log(), log(sha256="f" * 64), log()
     without["cases"][0]["methods"].pop()
     method(failed)["status"] = "failed"
     unread = log(error={"code": "E_NOT_FOUND", "message": "none"}, cases=[])
     for entry in (without, failed, other, unread):
-        assert gone([issue], compare_log(entry, before, [issue], whole=False)) == []
-    assert gone([issue], compare_log(same, before, [issue]), partial=True)
+        assert gone([issue], compare(entry, log(), [issue], whole=False)) == []
+    assert gone([issue], compare(same, log(), [issue]), partial=True)
     pattern = Known(log="bay_*", method="scp", key="objective")
-    assert gone([pattern], compare_log(same, before, [pattern]), partial=True) == []
-
-
-# ---- files
+    assert gone([pattern], compare(same, log(), [pattern]), partial=True) == []
 
 
 # ---- progress
@@ -193,12 +197,12 @@ def test_a_known_issue_has_not_gone_where_its_method_did_not_run_to_its_end():
 def test_progress_says_rate_remaining_time_and_what_has_failed(monkeypatch):
     now = [0.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
-    bar = Bar(Console(file=io.StringIO()), enabled=False)
-    bar.outcome(None, 40, 100)  # resumed: what was done before says nothing of the rate
-    assert bar.words(40, 100) == "starting; no failure"
+    progress = RunProgress(Console(file=io.StringIO()), enabled=False)
+    progress.outcome(None, 40, 100)  # resumed: what was done before says nothing of the rate
+    assert progress.words(40, 100) == "starting; no failure"
     now[0] = 30.0
     for state in ("same", "crashed", "worse", "worse", "skipped"):
-        bar.outcome(Outcome(name="a", state=state), 45, 100)
-    assert bar.words(50, 100) == "20 logs/min, 2 min 30 s left; 1 crashed, 2 worse"
+        progress.outcome(Outcome(name="a", state=state), 45, 100)
+    assert progress.words(50, 100) == "20 logs/min, 2 min 30 s left; 1 crashed, 2 worse"
     now[0] = 36000.0
-    assert bar.words(41, 100) == "0.00167 logs/min, 590 h 00 min left; 1 crashed, 2 worse"
+    assert progress.words(41, 100) == "0.00167 logs/min, 590 h 00 min left; 1 crashed, 2 worse"

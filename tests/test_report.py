@@ -1,6 +1,7 @@
 """What a regression run amounts to, and its page; nothing in its files can make it say something else."""
 
 import json
+import math
 import xml.etree.ElementTree as ET
 
 import pyarrow.parquet as pq
@@ -10,7 +11,7 @@ from page_reading import Page
 
 from replay.base.style import styles
 from replay.report import make_report
-from replay.report.facts import figures, headline, profiles, state
+from replay.report.facts import cost_ratio, figures, headline, profiles, state
 from replay.report.groups import gravest, groups
 from replay.report.html import page
 from replay.report.reading import read_run
@@ -55,17 +56,18 @@ def test_what_got_worse_is_put_together_by_class_and_told_with_its_size(failed_r
     assert "scp: objective worse on 2 cases of class narrow, by +0.50 % at the median" in worse.sentence
 
 
-def test_logs_that_are_other_ones_are_told_one_by_one_in_every_report(tmp_path):
+def test_logs_whose_file_changed_are_reported_one_by_one_in_every_report(tmp_path):
     found = maker.logs(8)
     notes = [
-        f"{name} is another log than the baseline's: 5 results not compared" for name in ("narrow_01", "narrow_05")
+        f"{name}: the log file changed since the baseline; 5 results not compared"
+        for name in ("narrow_01", "narrow_05")
     ]
     verdicts = maker.unchanged(found[2:])
     for name, note in zip(("narrow_01", "narrow_05"), notes, strict=True):
         verdicts.append(maker.verdict(name, "", "sha256", "changed", "0a", "0b", case="", note=note))
     run = maker.write_run(tmp_path / "run", found, verdicts)
     made = make_report(run)
-    assert made.summary["headline"] == "Regression: 2 logs changed; 2 of 8 logs affected"
+    assert made.summary.headline == "Regression: 2 logs changed; 2 of 8 logs affected"
     assert [group.sentence for group in gravest(groups(made.run))] == notes
     junit = ET.parse(run / "junit.xml").getroot()
     assert [failure.get("message") for failure in junit.iter("failure")] == notes
@@ -95,9 +97,9 @@ def test_a_run_that_is_slower_for_certain_fails_in_every_report(tmp_path):
     document = {"schema": "replay.timing/1", "against": "v1.2", "ratios": {}, "compared": compared}
     (run / "timing.json").write_text(json.dumps(document))
     made = make_report(run)
-    assert made.summary["state"] == "failed"
-    assert made.summary["headline"] == "Regression: slower than v1.2: scp"
-    assert [each["slower"] for each in made.summary["timing"]] == [True, False]
+    assert made.summary.state == "failed"
+    assert made.summary.headline == "Regression: slower than v1.2: scp"
+    assert [each.slower for each in made.summary.timing] == [True, False]
     root = ET.parse(run / "junit.xml").getroot()
     assert (root.get("failures"), len(root.findall("testsuite[@name='timing']/testcase"))) == ("1", 2)
     for name in ("report.html", "report.md"):
@@ -113,7 +115,7 @@ def test_figures_follow_from_the_rows(passed_run):
     found = figures(rows)
     product = 1.0
     for row in rows:
-        product *= row.metrics["objective"] / row.recorded["objective"]
+        product *= cost_ratio(row) or math.nan
     assert found.ratio == pytest.approx(product ** (1 / 8))
     assert (found.results, found.improved, found.kept, found.failed) == (8, 8, 0, 0)
     assert min(ratios[0] for ratios in profiles(run).values()) == 1.0
@@ -127,7 +129,7 @@ def test_the_page_is_well_formed_and_says_what_got_worse_before_all_else(failed_
     made = make_report(failed_run)
     read = Page((failed_run / "report.html").read_text())
     text = read.text
-    assert text.index(str(made.summary["headline"])) < text.index("What changed") < text.index("Methods")
+    assert text.index(made.summary.headline) < text.index("What changed") < text.index("Methods")
     assert maker.COMMANDS["accept"] in text
     assert maker.COMMANDS["view"] in text
     run = read_run(failed_run)

@@ -11,7 +11,8 @@ from page_reading import Page
 
 import replay.cli
 from replay.base.errors import ReplayError
-from replay.regress.finish import conclude
+from replay.base.schemas.run import Commands
+from replay.regress.finish import judge_and_report
 from replay.report import FILES, make_report
 from replay.report.charts import drift_chart
 from replay.report.history import trend
@@ -70,7 +71,7 @@ def test_a_log_that_the_baseline_could_not_read_either_is_known_and_of_another_t
     ]
     run = maker.write_run(tmp_path / "run", found, verdicts)
     made = make_report(run)
-    cure = 'expected? in site/corpus.toml: [logs."new.1"] expect = "E_NO_MAP"'
+    cure = 'if this is expected, add to site/corpus.toml: [logs."new.1"] expect = "E_NO_MAP"'
     told = {error.log: (error.expected, error.cure) for error in made.run.errors}
     assert told == {"old": (True, ""), "new.1": (False, cure), "was": (False, "")}
     assert cure in Page((run / "report.html").read_text()).text
@@ -85,13 +86,13 @@ def test_recordings_that_could_not_be_written_are_told(tmp_path):
     assert "**1 recording could not be written:** the disk is full" in (run / "report.md").read_text()
     assert "could not be written: the disk is full" in (run / "junit.xml").read_text()
     assert "not written" in Page((run / "report.html").read_text()).text
-    assert conclude(run, tmp_path, {})["unwritten"] == "1 recording could not be written: the disk is full"
+    assert judge_and_report(run, tmp_path, Commands()).unwritten == "1 recording could not be written: the disk is full"
 
 
 def test_logs_of_one_content_are_told_once(tmp_path):
     found = [maker.log(name, 1) for name in ("a", "b")] + [maker.log("c", 2)]
     run = maker.write_run(tmp_path / "run", found, maker.unchanged(found))
-    assert conclude(run, tmp_path, {})["twice"] == "logs with the same content: a = b"
+    assert judge_and_report(run, tmp_path, Commands()).equal == "logs with the same content: a = b"
 
 
 def test_markdown_is_short_and_has_the_facts(failed_run):
@@ -130,7 +131,7 @@ def test_parquet_has_typed_columns_with_units(failed_run):
         ("narrow_05", "scp"),
         ("open_04", "nlp"),
     }
-    assert rows[0]["objective"] == run.rows[0].metrics["objective"]
+    assert rows[0]["objective"] == run.rows[0].result.metrics.objective
     assert rows[0]["work.iterations"] == 12
 
 
@@ -143,11 +144,14 @@ def test_a_clearance_without_obstacles_is_null_not_a_number(tmp_path):
     Page((run / "report.html").read_text())
 
 
-def test_a_count_that_no_column_can_hold_is_null(tmp_path):
+@pytest.mark.parametrize("key", ["cusps", "objective"])
+def test_a_number_that_no_column_can_hold_is_named_as_damage(tmp_path, key):
     entry = maker.log("open_00", 0, ["scp"])
-    entry["cases"][0]["methods"][0]["metrics"]["cusps"] = 10**30
-    make_report(maker.write_run(tmp_path / "run", [entry]))
-    assert pq.read_table(tmp_path / "run" / "rows.parquet").to_pylist()[0]["cusps"] is None
+    entry["cases"][0]["methods"][0]["metrics"][key] = 10**400
+    made = make_report(maker.write_run(tmp_path / "run", [entry, *maker.logs(2)]))
+    (line,) = made.run.damaged
+    assert line.startswith(f"logs/00000.json: cases[0].methods[0].metrics.{key} is a number of 401 digits")
+    assert len(made.run.rows) == 10
 
 
 # ---- files that are damaged or missing

@@ -5,11 +5,13 @@ import pathlib
 
 import run_maker as maker
 
-from replay.regress.baseline import Baseline, write_baseline
+from replay.base.schemas.baseline import BASELINE_SCHEMA, Baseline
+from replay.regress.baseline import write_baseline
 from replay.regress.compare import baseline_entry
 from replay.regress.finish import judge
+from replay.regress.folder import RunFolder
 from replay.report.facts import headline
-from replay.report.groups import failing_lines, groups, told
+from replay.report.groups import failing_lines, groups, notable
 from replay.report.reading import read_run
 from replay.run.solving import solve
 
@@ -48,7 +50,7 @@ def test_new_logs_are_one_line_and_so_is_a_new_method(tmp_path):
         "3 logs new: open_90, open_91, open_92",
         "mine new on 2 cases of class narrow: narrow_01/0, narrow_05/0",
     ]
-    assert len(told(run)) == 5
+    assert len(notable(run)) == 5
 
 
 def test_errors_of_logs_have_a_subject(tmp_path):
@@ -71,14 +73,15 @@ def test_a_crash_tells_why_and_where(tmp_path):
 def test_a_log_under_another_name_is_told_as_renamed_and_compared(tmp_path):
     old, other = maker.log("bay_01", 1, ["ddp"]), maker.log("bay_02", 2, ["ddp"])
     baseline = tmp_path / "baseline.json"
-    write_baseline(baseline, Baseline(logs={entry["log"]: baseline_entry(entry) for entry in (old, other)}))
+    entries = {entry["log"]: baseline_entry(maker.typed(entry)) for entry in (old, other)}
+    write_baseline(baseline, Baseline(schema=BASELINE_SCHEMA, logs=entries))
     new = json.loads(json.dumps(old).replace("bay_01", "dock_09"))
     folder = maker.write_run(tmp_path / "run", [other, new], baseline=str(baseline), planned=["bay_02", "dock_09"])
-    judge(folder)
+    judge(RunFolder(folder))
     run = read_run(folder)
     assert failing_lines(groups(run)) == (["renamed: bay_01 → dock_09"], 0)
     assert {change.verdict for change in run.changes} == {"missing", "same"}
     new["cases"][0]["methods"][0]["metrics"]["objective"] *= 1.1
     (folder / "logs" / "00001.json").write_text(json.dumps(new))
-    judge(folder)
+    judge(RunFolder(folder))
     assert any("ddp on dock_09/0: objective" in line for line in failing_lines(groups(read_run(folder)))[0])

@@ -93,7 +93,7 @@ def test_rows_name_run_and_what_failed_and_hold_what_is_missing_or_unread(tmp_pa
 
 def test_a_place_along_the_path_is_in_metres(tmp_path):
     found = maker.logs(1)
-    found[0]["cases"][0]["methods"][0]["audit"]["checks"]["defect"]["place"] = {"s": 3.0}
+    found[0]["cases"][0]["methods"][0]["audit"]["checks"]["defect"]["place"] = {"segment": 0, "s": 3.0}
     make_report(maker.write_run(tmp_path / "run", found))
     schema = pq.read_table(tmp_path / "run" / "rows.parquet").schema
     (name,) = (name for name in schema.names if name.endswith("place.s"))

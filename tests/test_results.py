@@ -9,25 +9,21 @@ import pathlib
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from paths import random_path
-from results_maker import VEHICLE, Document, make_run, written
+from results_maker import VEHICLE, Document, make_run, results_data, written
 
 import replay.run.results
-from optim.model.result import Stop
+from replay.base.documents import to_bytes
 from replay.base.errors import ReplayError
 from replay.run.confirm import audit_results
-from replay.run.results import (
-    path_from_document,
-    path_to_document,
-    read_results,
-    scene_to_document,
-    to_document,
-    write_results,
-)
+from replay.run.plain import path_from_document, path_to_document, scene_to_document
+from replay.run.results import read_results, results_of, to_document, write_results
+from replay.run.stored import run_of
 
 RUN = make_run()
 
@@ -39,7 +35,7 @@ def stored_file(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
 
 @pytest.fixture(scope="module")
 def stored(stored_file: pathlib.Path) -> Document:
-    return read_results(stored_file)
+    return results_data(stored_file)
 
 
 @pytest.fixture(scope="module")
@@ -71,8 +67,8 @@ def test_a_document_has_the_fields_of_the_schema(stored: Document) -> None:
 
 def test_paths_come_back_bit_for_bit(tmp_path: pathlib.Path) -> None:
     path = random_path(VEHICLE, (5.0, 4.0), seed=9)
-    document = to_document(RUN) | {"recorded": path_to_document(path)}
-    again = path_from_document(read_results(written(tmp_path, document))["recorded"])
+    document = msgspec.structs.replace(to_document(RUN), recorded=path_to_document(path))
+    again = path_from_document(read_results(written(tmp_path, document)).recorded)
     assert len(again.segments) == len(path.segments)
     for one, other in zip(path.segments, again.segments, strict=True):
         assert one.direction == other.direction
@@ -102,27 +98,12 @@ def test_a_history_says_what_decided_convergence(stored: Document) -> None:
     assert row["accepted"] is True
 
 
-def test_numpy_numbers_and_arrays_become_plain_ones(tmp_path: pathlib.Path, stored: Document) -> None:
-    extra = {
-        "a": np.float64(0.1),
-        "b": np.int64(3),
-        "c": np.array([1.0, np.nan]),
-        "d": np.bool_(True),
-        "e": Stop.STALLED,
-    }
-    extra["f"] = pathlib.Path("x/y")
-    again = read_results(written(tmp_path, stored | {"extra": extra}))["extra"]
-    assert again == {"a": 0.1, "b": 3, "c": [1.0, None], "d": True, "e": "stalled", "f": "x/y"}
-    with pytest.raises(TypeError, match="complex has no place"):
-        written(tmp_path, stored | {"extra": 1j})
-
-
 def test_text_of_any_language_and_file_names_that_are_no_text_survive(tmp_path: pathlib.Path) -> None:
     name = os.fsdecode("Höfe_倉庫_\udcff.mcap".encode("utf-8", "surrogateescape"))
     document = to_document(dataclasses.replace(RUN, case=dataclasses.replace(RUN.case, log=pathlib.Path(name))))
     path = written(tmp_path, document)
     path.read_bytes().decode("utf-8")
-    assert read_results(path)["log"]["path"] == name
+    assert read_results(path).log.path == name
 
 
 def test_the_boundary_is_stored_where_there_is_one(stored: Document) -> None:
@@ -136,6 +117,17 @@ def test_the_boundary_is_stored_where_there_is_one(stored: Document) -> None:
 def test_a_folder_that_is_missing_is_one_line(tmp_path: pathlib.Path) -> None:
     with pytest.raises(ReplayError, match="cannot be written: No such file"):
         write_results(tmp_path / "missing" / "bay.json", to_document(RUN))
+
+
+def test_a_run_comes_back_with_its_audits_metrics_and_history(stored_file: pathlib.Path) -> None:
+    again = run_of(read_results(stored_file), "stored")
+    assert [method.metrics for method in again.methods] == [method.metrics for method in RUN.methods]
+    for one, other in zip(again.methods, RUN.methods, strict=True):
+        assert one.audit == other.audit
+        assert one.rejected == other.rejected
+        assert repr(one.history) == repr(other.history).replace("inf", "nan"), "null stands for both"
+    assert again.best is not None
+    assert again.best.audit.clearance.value == RUN.methods[0].audit.clearance.value
 
 
 # Reading what may be anything.
@@ -157,18 +149,28 @@ def with_method(key: str, value: Any) -> Callable[[Document], Document]:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda document: [document], "holds a list"),
-        (lambda document: document | {"schema": "replay.results/2"}, "schema is 'replay.results/2'"),
-        (without("schema"), "schema is 'None'"),
+        (lambda document: [document], "the document is a list, expected an object"),
+        (
+            lambda document: document | {"schema": "replay.results/2"},
+            "schema is 'replay.results/2', expected 'replay.results/1'",
+        ),
+        (without("schema"), "schema is missing"),
         (without("vehicle"), "vehicle is missing"),
         (without("weights"), "weights is missing"),
-        (lambda document: document | {"recorded": []}, "recorded is a list, expected a dict"),
-        (lambda document: document | {"methods": {}}, "methods is a dict, expected a list"),
-        (lambda document: document | {"methods": [1]}, r"methods\[0\] is a int"),
-        (with_method("name", 3), r"methods\[1\].name is a int"),
+        (lambda document: document | {"recorded": []}, "recorded is a list, expected an object"),
+        (lambda document: document | {"methods": {}}, "methods is an object, expected a list"),
+        (lambda document: document | {"methods": [1]}, r"methods\[0\] is 1, expected an object"),
+        (with_method("name", 3), r"methods\[1\].name is 3, expected a text"),
         (with_method("name", "better"), "two methods have one name"),
-        (with_method("status", "splendid"), "status is 'splendid', expected one of improved, kept, failed"),
-        (with_method("path", None), r"methods\[1\].path is a NoneType"),
+        (
+            with_method("status", "splendid"),
+            r"methods\[1\].status is 'splendid', expected 'improved' or 'kept' or 'failed'",
+        ),
+        (with_method("metrics", {"length": "7"}), r"methods\[1\].metrics.length is '7', expected a number or null"),
+        (with_method("metrics", {"cusps": 10**400}), r"methods\[1\].metrics.cusps is a number of 401 digits"),
+        (with_method("wall_s", 10**400), r"methods\[1\].wall_s is a number of 401 digits, expected a number"),
+        (with_method("audit", {"checks": {"steer": {"limits": {"steer_rad": "x"}}}}), "steer.limits.steer_rad is 'x'"),
+        (with_method("path", None), r"methods\[1\].path is null, expected an object"),
     ],
 )
 def test_what_is_no_results_document_is_said_in_one_line(
@@ -182,7 +184,7 @@ def test_what_is_no_results_document_is_said_in_one_line(
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
     with pytest.raises(ReplayError, match=said):
-        audit_results(change(stored))
+        results_of(change(stored), "document")
 
 
 @pytest.mark.parametrize(
@@ -224,6 +226,33 @@ def test_a_flipped_bit_is_an_error_or_a_document_that_can_be_audited(
     path.write_bytes(content)
     with contextlib.suppress(ReplayError):
         audit_results(read_results(path))
+
+
+ODD = [None, True, "x", "\ud800", 10**400, -1, 1.5, 1e308, [], {}, [None], {"a": 1}, {"\ud800": 1}, [[1, 2]]]
+
+
+def places(tree: Any, limit: int = 3) -> list[tuple[Any, ...]]:
+    """Where something may be put: every key, and the first items of lists."""
+    items = list(tree.items()) if isinstance(tree, dict) else list(enumerate(tree))[:limit]
+    deeper = [(key, *rest) for key, value in items if isinstance(value, (dict, list)) for rest in places(value, limit)]
+    return [(key,) for key, _ in items] + deeper
+
+
+STORED = to_bytes(to_document(RUN))
+PLACES = places(json.loads(STORED))
+
+
+@settings(max_examples=300, deadline=None)
+@given(number=st.integers(0, 10_000), value=st.sampled_from(ODD))
+def test_any_value_anywhere_is_one_line_or_a_document_that_can_be_audited_and_rebuilt(number: int, value: Any) -> None:
+    *keys, last = PLACES[number % len(PLACES)]
+    node = document = json.loads(STORED)
+    for key in keys:
+        node = node[key]
+    node[last] = value
+    for use in (audit_results, lambda each: run_of(each, "changed")):
+        with contextlib.suppress(ReplayError):
+            use(results_of(document, "changed"))
 
 
 @pytest.mark.parametrize(

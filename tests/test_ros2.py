@@ -15,9 +15,9 @@ from rosbags.typesys import Stores
 
 from replay.logs.container.scan import scan
 from replay.logs.messages.cdr import CdrError
-from replay.logs.messages.content import Grid, Marker, PoseSeries
-from replay.logs.messages.layout import MAX_FIELDS, MAX_TEXT, LayoutError, matching_layout
-from replay.logs.messages.ros2 import FAMILIES
+from replay.logs.messages.definition import MAX_FIELDS, MAX_TEXT, matching_definition
+from replay.logs.messages.ros2 import MESSAGE_TYPES
+from replay.logs.messages.types import DefinitionError, Grid, Marker, PoseSeries
 
 STORES = [Stores.ROS2_FOXY, Stores.ROS2_GALACTIC, Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.ROS2_KILTED]
 frames = st.text(max_size=12)
@@ -25,7 +25,7 @@ numbers = st.floats(allow_nan=False, width=64)
 
 
 def decode(message: Any, layout: int = 0) -> Any:
-    return FAMILIES[message.__msgtype__].decode(make.serialised(message), layout)
+    return MESSAGE_TYPES[message.__msgtype__].decode(make.serialised(message), layout)
 
 
 def definition(kind: str, store: Stores = Stores.ROS2_HUMBLE) -> bytes:
@@ -111,8 +111,8 @@ def test_markers_of_older_distributions_are_read() -> None:
     new = make.marker(4, (0.2, 0.0, 0.0), (1.0, 2.0, 0.3), points=[(1, 2, 3)], ns="walls", id=7)
     fields = {name: getattr(new, name) for name in store.types[kind].__dataclass_fields__ if name != "__msgtype__"}
     data = bytes(store.serialize_cdr(store.types[kind](**fields), kind))
-    family = FAMILIES[kind]
-    layout = matching_layout(kind, definition(kind, Stores.ROS2_FOXY), family.standards)
+    family = MESSAGE_TYPES[kind]
+    layout = matching_definition(kind, definition(kind, Stores.ROS2_FOXY), family.standards)
     (marker,) = family.decode(data, layout)
     assert (marker.ns, marker.id, marker.points.tolist()) == ("walls", 7, [[1.0, 2.0, 3.0]])
 
@@ -143,8 +143,10 @@ def test_a_log_by_the_ros2_writer_is_read(tmp_path: Any) -> None:
     for message in log.messages:
         schema = message.channel.schema
         assert schema is not None
-        family = FAMILIES[schema.name]
-        found[family.role] = family.decode(message.data, matching_layout(schema.name, schema.data, family.standards))
+        family = MESSAGE_TYPES[schema.name]
+        found[family.role] = family.decode(
+            message.data, matching_definition(schema.name, schema.data, family.standards)
+        )
     assert found["path"].poses.tolist() == [[1.0, 2.0, 0.0, 0.0, 0.0, 0.6, 0.8]] * 3
     assert found["path"].stamps.tolist() == [3 * make.SECOND + 4] * 3
     assert found["grid"].data.tolist() == [-1, 100]
@@ -169,9 +171,9 @@ def test_no_shortened_payload_is_taken_for_a_message(kind: str) -> None:
     data = make.serialised(some_messages()[kind])
     for size in range(len(data) - 3):
         with pytest.raises(CdrError):
-            FAMILIES[kind].decode(data[:size], 0)
+            MESSAGE_TYPES[kind].decode(data[:size], 0)
     with pytest.raises(CdrError, match="left over"):
-        FAMILIES[kind].decode(data + bytes(4), 0)
+        MESSAGE_TYPES[kind].decode(data + bytes(4), 0)
 
 
 @pytest.mark.parametrize("kind", [make.PATH, make.GRID, make.MARKERS])
@@ -184,7 +186,7 @@ def test_damaged_payloads_raise_nothing_but_cdr_errors(kind: str) -> None:
         for place in rng.integers(0, len(data), rng.integers(1, 4)):
             changed[place] = rng.integers(256)
         try:
-            FAMILIES[kind].decode(bytes(changed), 0)
+            MESSAGE_TYPES[kind].decode(bytes(changed), 0)
         except CdrError:
             refused += 1
     assert refused > 100
@@ -192,17 +194,17 @@ def test_damaged_payloads_raise_nothing_but_cdr_errors(kind: str) -> None:
 
 def test_counts_beyond_the_payload_are_refused_before_anything_is_allocated() -> None:
     header = b"\0\1\0\0" + bytes(8) + struct.pack("<I", 1) + bytes(4)
-    start = time.perf_counter()
+    start = time.process_time()
     for kind in (make.PATH, make.MARKERS):
         with pytest.raises(CdrError, match="claims 4294967295 elements"):
-            FAMILIES[kind].decode((header if kind == make.PATH else b"\0\1\0\0") + b"\xff" * 4 + bytes(60), 0)
-    assert time.perf_counter() - start < 1.0
+            MESSAGE_TYPES[kind].decode((header if kind == make.PATH else b"\0\1\0\0") + b"\xff" * 4 + bytes(60), 0)
+    assert time.process_time() - start < 5.0
 
 
 @pytest.mark.parametrize(("kind", "says"), [(0, "big-endian CDR"), (7, "XCDR2"), (11, "unknown")])
 def test_other_encapsulations_are_named(kind: int, says: str) -> None:
     with pytest.raises(CdrError, match=says):
-        FAMILIES[make.PATH].decode(bytes([0, kind, 0, 0]) + bytes(100), 0)
+        MESSAGE_TYPES[make.PATH].decode(bytes([0, kind, 0, 0]) + bytes(100), 0)
 
 
 def test_times_that_are_none_and_text_that_is_none_are_refused() -> None:
@@ -210,11 +212,11 @@ def test_times_that_are_none_and_text_that_is_none_are_refused() -> None:
     bad_time = data.copy()
     bad_time[4 + 4 : 4 + 8] = struct.pack("<I", 4_000_000_000)
     with pytest.raises(CdrError, match="nanosec"):
-        FAMILIES[make.PATH].decode(bytes(bad_time), 0)
+        MESSAGE_TYPES[make.PATH].decode(bytes(bad_time), 0)
     for change in (b"m\xff\xfe\0", b"abcd"):
         bad = data.replace(b"abc\0", change)
         with pytest.raises(CdrError, match=r"UTF-8|NUL"):
-            FAMILIES[make.PATH].decode(bytes(bad), 0)
+            MESSAGE_TYPES[make.PATH].decode(bytes(bad), 0)
 
 
 def test_a_path_whose_frames_change_all_the_time_is_read_in_linear_time() -> None:
@@ -225,7 +227,7 @@ def test_a_path_whose_frames_change_all_the_time_is_read_in_linear_time() -> Non
     count = 40_001
     data = one[:20] + struct.pack("<I", count) + one[24:] + (other + element) * (count // 2)
     start = time.process_time()
-    series = FAMILIES[make.PATH].decode(data, 0)
+    series = MESSAGE_TYPES[make.PATH].decode(data, 0)
     assert len(series.poses) == count
     assert series.frames == {"aa", "bb"}
     assert time.process_time() - start < 3.0
@@ -235,9 +237,9 @@ def test_a_path_whose_frames_change_all_the_time_is_read_in_linear_time() -> Non
 
 
 @pytest.mark.parametrize("store", STORES, ids=lambda store: store.name)
-@pytest.mark.parametrize("kind", sorted(FAMILIES))
+@pytest.mark.parametrize("kind", sorted(MESSAGE_TYPES))
 def test_the_definitions_of_every_distribution_are_known(kind: str, store: Stores) -> None:
-    matching_layout(kind, definition(kind, store), FAMILIES[kind].standards)
+    matching_definition(kind, definition(kind, store), MESSAGE_TYPES[kind].standards)
 
 
 def test_comments_blanks_constants_defaults_and_short_names_do_not_matter() -> None:
@@ -249,7 +251,7 @@ def test_comments_blanks_constants_defaults_and_short_names_do_not_matter() -> N
         "\n", "\r\n"
     )
     written = written.replace("MSG: std_msgs/Header", "MSG: std_msgs/msg/Header")
-    assert matching_layout(make.GRID, written.encode(), FAMILIES[make.GRID].standards) == 0
+    assert matching_definition(make.GRID, written.encode(), MESSAGE_TYPES[make.GRID].standards) == 0
 
 
 @pytest.mark.parametrize(
@@ -269,15 +271,15 @@ def test_comments_blanks_constants_defaults_and_short_names_do_not_matter() -> N
 )
 def test_a_definition_that_is_not_the_standard_one_is_refused_at_once(text: bytes, says: str) -> None:
     start = time.process_time()
-    with pytest.raises(LayoutError, match=says):
-        matching_layout(make.PATH, text, FAMILIES[make.PATH].standards)
+    with pytest.raises(DefinitionError, match=says):
+        matching_definition(make.PATH, text, MESSAGE_TYPES[make.PATH].standards)
     assert time.process_time() - start < 1.0
 
 
 def test_the_difference_from_the_standard_definition_is_named() -> None:
     swapped = definition(make.PATH).replace(b"float64 x\nfloat64 y\n", b"float64 y\nfloat64 x\n")
-    with pytest.raises(LayoutError, match="field 1 of geometry_msgs/Point is 'float64 y', expected 'float64 x'"):
-        matching_layout(make.PATH, swapped, FAMILIES[make.PATH].standards)
+    with pytest.raises(DefinitionError, match="field 1 of geometry_msgs/Point is 'float64 y', expected 'float64 x'"):
+        matching_definition(make.PATH, swapped, MESSAGE_TYPES[make.PATH].standards)
     more = definition(make.PATH).replace(b"string frame_id", b"string frame_id\nuint8 new")
-    with pytest.raises(LayoutError, match="std_msgs/Header has the unknown field 'new'"):
-        matching_layout(make.PATH, more, FAMILIES[make.PATH].standards)
+    with pytest.raises(DefinitionError, match="std_msgs/Header has the unknown field 'new'"):
+        matching_definition(make.PATH, more, MESSAGE_TYPES[make.PATH].standards)

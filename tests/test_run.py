@@ -20,7 +20,8 @@ from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle
 from replay.cli.tables import remarks, result_table, verdict
 from replay.run.case import Case, ReadReport
-from replay.run.judge import MOST_ITERATES, Interrupted, run_case
+from replay.run.judge import Interrupted, run_case
+from replay.run.outcome import MOST_ITERATES
 
 VEHICLE = Vehicle()
 BLOCK = np.array([[0.0, 6.0], [4.0, 6.0], [4.0, 9.0], [0.0, 9.0]])
@@ -99,10 +100,10 @@ def test_a_better_sound_path_counts_with_its_own_metrics_and_audit():
     (method,) = run.methods
     assert (method.status, method.stop, method.reason) == ("improved", "converged", "This is the answer.")
     assert method.path is BETTER
-    assert method.metrics["length"] == pytest.approx(12.0)
-    assert method.metrics["objective"] < run.recorded_metrics["objective"]
-    assert method.audit["passed"]
-    assert run.recorded_audit["passed"]
+    assert method.metrics.length == pytest.approx(12.0)
+    assert method.metrics.objective < run.recorded_metrics.objective
+    assert method.audit.passed
+    assert run.recorded_audit.passed
     assert method.rejected is None
     assert not run.fell_short
     assert run.best is method
@@ -121,8 +122,8 @@ def test_a_path_that_the_audit_turns_down_is_replaced_by_the_recorded_one(path, 
     assert method.metrics == run.recorded_metrics
     assert method.audit == run.recorded_audit
     assert method.rejected is not None
-    assert not method.rejected["passed"]
-    assert not method.rejected["checks"][check]["passed"]
+    assert not method.rejected.passed
+    assert not method.rejected.checks[check].passed
     assert run.fell_short
     assert run.best is None
 
@@ -132,7 +133,7 @@ def test_a_path_through_an_obstacle_is_turned_down_however_good_it_is():
     ahead = np.array([[17.5, -1.0], [30.0, -1.0], [30.0, 1.0], [17.5, 1.0]])
     run = run_case(case(block=ahead), {"answer": Answer(path=straight(13.0, -1.0))})
     (method,) = run.methods
-    assert run.recorded_audit["passed"]
+    assert run.recorded_audit.passed
     assert method.status == "kept"
     assert "clearance" in method.reason
     assert method.path is RECORDED
@@ -200,7 +201,7 @@ def test_a_recorded_path_that_collides_is_reported_and_may_still_be_improved():
     # the recorded path drives into it on its detour; 12 m straight ahead stay clear
     ahead = np.array([[18.0, -1.0], [30.0, -1.0], [30.0, 1.0], [18.0, 1.0]])
     run = run_case(case(recorded=straight(14.0, -2.0), block=ahead), {"answer": Answer(path=BETTER)})
-    assert not run.recorded_audit["passed"]
+    assert not run.recorded_audit.passed
     assert run.methods[0].status == "improved"
 
 
@@ -212,11 +213,11 @@ def test_a_sound_path_is_better_than_a_recorded_one_that_is_not_whatever_its_cos
     (method,) = run.methods
     assert method.status == "improved"
     assert method.path is answer
-    assert method.audit["passed"]
-    assert method.metrics["objective"] > run.recorded_metrics["objective"]
+    assert method.audit.passed
+    assert method.metrics.objective > run.recorded_metrics.objective
     assert method.reason.startswith("It passes the audit (J 34), which the recorded path (J 21) does not.")
     assert run.best is method
-    assert "answer is sound, the recorded path is not: J 34.00 instead of 21.00" in verdict(run)
+    assert "the recorded path fails the audit, answer's passes: J 34.00 instead of 21.00" in verdict(run)
 
 
 @pytest.mark.parametrize("count", [1, 2, MOST_ITERATES - 1, MOST_ITERATES, MOST_ITERATES + 1, 5003])
@@ -227,16 +228,16 @@ def test_iterates_are_thinned_evenly_and_the_first_and_the_last_are_kept(count):
     assert len(numbers) >= min(count, MOST_ITERATES // 2)
     assert (numbers[0], numbers[-1]) == (0, count - 1)
     assert len(set(np.diff(numbers[:-1]).tolist())) <= 1
-    assert [entry["iteration"] for entry in method.history] == list(range(count))
+    assert [record.iteration for record in method.history] == list(range(count))
 
 
 def test_history_keeps_all_of_an_iterate_but_its_path():
     (method,) = run_case(case(), {"tries": Tries()}).methods
     names = {field.name for field in dataclasses.fields(Iterate)} - {"path"}
-    assert [set(row) for row in method.history] == [names] * 12
-    assert method.history[2]["residuals"] == {"defect": 0.5}
-    assert [row["accepted"] for row in method.history] == [True, False, False] * 4
-    assert math.isnan(method.history[0]["solver_s"])
+    assert [set(vars(record)) for record in method.history] == [names] * 12
+    assert method.history[2].residuals == {"defect": 0.5}
+    assert [record.accepted for record in method.history] == [True, False, False] * 4
+    assert math.isnan(method.history[0].solver_s)
 
 
 def test_trials_that_were_turned_down_are_not_played_back():
@@ -296,7 +297,7 @@ def test_of_equal_paths_the_first_is_the_best_whatever_took_longer_and_the_other
     assert [method.status for method in run.methods] == ["improved"] * 3
     assert run.best is run.methods[0]
     assert [method.name for method in run.as_good] == ["quick", "same"]
-    assert remarks(run)[-1] == "as good within 0.1%: quick, same"
+    assert remarks(run)[-1] == "equally good (within 0.1 %): quick, same"
 
 
 def test_it_is_said_whether_what_stands_is_safe():

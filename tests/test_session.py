@@ -21,6 +21,7 @@ from optim.model.result import OnIterate, Result, Stop, ignore
 from replay.cli.console import Common, Voice
 from replay.cli.outputs import Outputs
 from replay.cli.session import Session
+from replay.cli.settings import RunOptions, Settings
 from replay.logs import ReadOptions
 
 
@@ -61,12 +62,10 @@ class Sleeps:
 def session(out: pathlib.Path, methods: dict[str, Any], logs: list[pathlib.Path], **common: bool) -> Session:
     return Session(
         voice=Voice(Common(**common)),
-        methods=methods,
-        read=ReadOptions(),
-        weights=Weights(),
-        seed=0,
+        settings=Settings(
+            run=RunOptions(recording=False, jobs=1), methods=methods, read=ReadOptions(), weights=Weights()
+        ),
         outputs=Outputs(out, logs),
-        recording=False,
     )
 
 

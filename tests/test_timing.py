@@ -13,7 +13,7 @@ import regress_help as help
 
 from replay.base.errors import ReplayError
 from replay.regress import timing
-from replay.regress.timing import Server, Side, check_version, compared, judged, measure, this_version, version
+from replay.regress.timing import TimingServer, Version, check_version, compared, judged, measure, this_version, version
 
 
 def ratios(true: float, noise: float, count: int = 40, seed: int = 1) -> list[float]:
@@ -50,21 +50,21 @@ def test_what_is_no_version_is_one_line_that_says_what_would_be():
 
 
 def test_an_environment_is_known_by_its_python():
-    with version(str(pathlib.Path(sys.executable).parent.parent)) as side:
-        assert side.python == sys.executable
-        assert side.path == ""
+    with version(str(pathlib.Path(sys.executable).parent.parent)) as other:
+        assert other.python == sys.executable
+        assert other.path == ""
 
 
 @pytest.mark.skipif(not (help.ROOT / ".git").exists(), reason="no git checkout")
 def test_a_revision_is_checked_out_for_the_time_being():
-    with version("HEAD") as side:
-        assert (pathlib.Path(side.path) / "optim" / "methods" / "__init__.py").is_file()
-    assert not pathlib.Path(side.path).exists()
+    with version("HEAD") as other:
+        assert (pathlib.Path(other.path) / "optim" / "methods" / "__init__.py").is_file()
+    assert not pathlib.Path(other.path).exists()
     listed = subprocess.run(["git", "worktree", "list"], cwd=help.ROOT, capture_output=True, text=True, check=True)
-    assert side.path not in listed.stdout
+    assert other.path not in listed.stdout
 
 
-def slower(folder: pathlib.Path) -> Side:
+def slower(folder: pathlib.Path) -> Version:
     """This version with a method that takes its time, and another that fails."""
     for name in ("optim", "replay"):
         shutil.copytree(help.ROOT / name, folder / name, copy_function=os.link)
@@ -73,12 +73,12 @@ def slower(folder: pathlib.Path) -> Side:
     file.unlink()  # a link to the one that is tested
     file.write_text(
         text
-        + "\nimport time\nclass Slow(Ddp):\n"
+        + "\nimport time\nfrom optim.model.result import ignore\nclass Slow(Ddp):\n"
         + "    def solve(self, problem, on_iterate=ignore):\n"
         + "        time.sleep(0.3)\n        return super().solve(problem, on_iterate)\n"
         + "METHODS = {**METHODS, 'ddp': Slow(), 'cpo': None}\n"
     )
-    return Side(name="slower", python=this_version().python, path=str(folder))
+    return Version(name="slower", python=this_version().python, path=str(folder))
 
 
 def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(tmp_path, monkeypatch):
@@ -93,15 +93,16 @@ def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(tmp_path, m
     )
     python.chmod(0o755)
     monkeypatch.setattr(timing, "MOST_S", 2.5)
-    with Server(Side(name="late", python=str(python), path="")) as server:
+    with TimingServer(Version(name="late", python=str(python), path="")) as server:
         assert math.isnan(server.seconds("log", "slow"))
         assert server.seconds("log", "fast") == 2.0
 
 
+@pytest.mark.slow
 def test_a_version_that_sleeps_is_slower_and_pairs_that_one_side_cannot_do_are_left_out(tmp_path):
     logs = ["bay_01", "bay_02", "dock_02"]
     pairs = [(name, str(help.RECORDINGS / f"{name}.mcap"), method) for name in logs for method in ("ddp", "cpo")]
-    with Server(this_version()) as old, Server(slower(tmp_path)) as new:
+    with TimingServer(this_version()) as old, TimingServer(slower(tmp_path)) as new:
         found = measure(old, new, pairs)
     assert set(found) == {"ddp"}
     assert set(found["ddp"]) == set(logs)

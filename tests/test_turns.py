@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from optim.model.flat_map import flat_from_state, state_from_flat
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import frozen
-from optim.steering.flat import Flat, effort, limits, load, ramp_load, shortest_ramp
+from optim.steering.flat import Flat, curve_limits, effort, load, ramp_load, shortest_ramp
 from optim.steering.pieces import pieces_of, sample_turns
 from optim.steering.sharpest import ROWS, peak_curvature, ramp_end, sharpest_turns, turn_end
 from optim.steering.turns import plan_turns
@@ -51,10 +51,10 @@ def test_turns_end_exactly_at_the_goal(vehicle, sharpness):
     connected = 0
     for _ in range(700):
         start, goal = random_ends(vehicle, rng, sharpness)
-        rows = plan_turns(start, goal, limits(vehicle), math.inf)
+        rows = plan_turns(start, goal, curve_limits(vehicle), math.inf)
         connected += len(rows) > 0
         for row in rows:
-            _, flat = sample_turns(row, start, goal, 5.0, limits(vehicle))
+            _, flat = sample_turns(row, start, goal, 5.0, curve_limits(vehicle))
             error = flat[-1] - [
                 *goal[:2],
                 goal[2] + 2 * math.pi * round((flat[-1, 2] - goal[2]) / 2 / math.pi),
@@ -71,8 +71,8 @@ def test_turns_keep_every_limit_between_all_samples(vehicle, sharpness):
     rng = np.random.default_rng(2)
     for _ in range(60):
         start, goal = random_ends(vehicle, rng, sharpness)
-        for row in plan_turns(start, goal, limits(vehicle), math.inf):
-            length, flat = sample_turns(row, start, goal, 0.05, limits(vehicle))
+        for row in plan_turns(start, goal, curve_limits(vehicle), math.inf):
+            length, flat = sample_turns(row, start, goal, 0.05, curve_limits(vehicle))
             assert largest_load(vehicle, flat, length) < 1.0 + 1e-4
 
 
@@ -81,8 +81,8 @@ def test_turns_are_about_as_sharp_as_the_limits_allow():
     loads = []
     for _ in range(60):
         start, goal = random_ends(DEFAULT, rng)
-        for row in plan_turns(start, goal, limits(DEFAULT), math.inf)[:1]:
-            length, flat = sample_turns(row, start, goal, 0.05, limits(DEFAULT))
+        for row in plan_turns(start, goal, curve_limits(DEFAULT), math.inf)[:1]:
+            length, flat = sample_turns(row, start, goal, 0.05, curve_limits(DEFAULT))
             loads.append(largest_load(DEFAULT, flat, length))
     assert np.median(loads) > 0.97
 
@@ -91,7 +91,7 @@ def test_curvature_and_sharpness_are_continuous_across_all_joints():
     rng = np.random.default_rng(4)
     for _ in range(200):
         start, goal = random_ends(DEFAULT, rng, sharpness=0.004)
-        for row in plan_turns(start, goal, limits(DEFAULT), math.inf):
+        for row in plan_turns(start, goal, curve_limits(DEFAULT), math.inf):
             pieces = pieces_of(row, start, goal)
             length, c0, c1, c2, c3 = pieces.T
             kappa = c0 + length * (c1 + length * (c2 + length * c3))
@@ -105,8 +105,8 @@ def test_curvature_and_sharpness_are_continuous_across_all_joints():
 def test_samples_are_the_integral_of_their_own_curvature():
     rng = np.random.default_rng(5)
     start, goal = random_ends(DEFAULT, rng)
-    row = plan_turns(start, goal, limits(DEFAULT), math.inf)[0]
-    length, flat = sample_turns(row, start, goal, 0.01, limits(DEFAULT))
+    row = plan_turns(start, goal, curve_limits(DEFAULT), math.inf)[0]
+    length, flat = sample_turns(row, start, goal, 0.01, curve_limits(DEFAULT))
     u = np.sqrt(1.0 + (DEFAULT.hitch_to_axle * flat[:, 3]) ** 2)
     ds = length / (len(flat) - 1)
 
@@ -127,7 +127,7 @@ def test_samples_are_the_integral_of_their_own_curvature():
 def test_the_shortest_turns_take_the_directions_that_the_goal_asks_for(goal, signs):
     goal = frozen((*goal, 0.0, 0.0))
     start = frozen((0.0, 0.0))
-    first, last = plan_turns(start, goal, limits(DEFAULT), math.inf)[0, 8:]
+    first, last = plan_turns(start, goal, curve_limits(DEFAULT), math.inf)[0, 8:]
     assert (np.sign(first), np.sign(-last)) == signs
 
 
@@ -137,13 +137,13 @@ def test_all_four_pairs_of_turn_directions_are_found_where_there_is_room():
     for x in (60.0, 80.0):
         for y in (-30.0, 0.0, 30.0):
             goal = frozen((x, y, 0.0, 0.0, 0.0))
-            rows = plan_turns(start, goal, limits(DEFAULT), math.inf)
+            rows = plan_turns(start, goal, curve_limits(DEFAULT), math.inf)
             found |= {(np.sign(row[8]), np.sign(-row[9])) for row in rows}
     assert {(1, 1), (-1, -1), (1, -1), (-1, 1)} <= found
 
 
 def test_a_straight_goal_is_reached_straight():
-    rows = plan_turns(frozen((0.0, 0.0)), frozen((20.0, 0.0, 0.0, 0.0, 0.0)), limits(DEFAULT), math.inf)
+    rows = plan_turns(frozen((0.0, 0.0)), frozen((20.0, 0.0, 0.0, 0.0, 0.0)), curve_limits(DEFAULT), math.inf)
     assert rows[0, 0] == pytest.approx(20.0)
 
 
@@ -151,9 +151,9 @@ def test_nothing_longer_than_asked_for_is_returned():
     rng = np.random.default_rng(6)
     for _ in range(200):
         start, goal = random_ends(DEFAULT, rng)
-        lengths = plan_turns(start, goal, limits(DEFAULT), math.inf)[:, 0]
+        lengths = plan_turns(start, goal, curve_limits(DEFAULT), math.inf)[:, 0]
         bound = 1.2 * math.hypot(goal[0], goal[1])
-        bounded = plan_turns(start, goal, limits(DEFAULT), bound)[:, 0]
+        bounded = plan_turns(start, goal, curve_limits(DEFAULT), bound)[:, 0]
         assert (bounded <= bound).all()
         assert lengths.size == 0 or lengths.min() > 0.999 * bound or bounded.size > 0
 
@@ -206,11 +206,11 @@ def test_the_load_has_the_steering_and_the_rate_of_the_flat_map(kappa, sigma, cu
         abs(math.tan(phi[1])) / math.tan(DEFAULT.max_steer),
         abs(rate) / DEFAULT.max_steer_rate,
     )
-    assert load(kappa, sigma, curl, limits(DEFAULT)) == pytest.approx(expected, rel=1e-5, abs=1e-7)
+    assert load(kappa, sigma, curl, curve_limits(DEFAULT)) == pytest.approx(expected, rel=1e-5, abs=1e-7)
 
 
 def test_the_load_of_a_curve_described_backwards_is_that_with_the_trailer_ahead():
-    l, l_t, *rest = limits(DEFAULT)
+    l, l_t, *rest = curve_limits(DEFAULT)
     forwards = load(0.1, 0.004, 0.002, (l, l_t, *rest))
     assert load(-0.1, 0.004, -0.002, (l, -l_t, *rest)) == pytest.approx(forwards, rel=1e-12)
 
@@ -218,23 +218,23 @@ def test_the_load_of_a_curve_described_backwards_is_that_with_the_trailer_ahead(
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(("k0", "s0", "k1"), [(0.0, 0.0, 0.15), (0.15, 0.0, 0.0), (0.1, 0.0, -0.1), (0.05, 0.004, 0.1)])
 def test_the_shortest_ramp_is_within_the_limits_and_a_shorter_one_is_not(sign, k0, s0, k1):
-    lim = limits(DEFAULT)
+    lim = curve_limits(DEFAULT)
     length = shortest_ramp(sign * k0, sign * s0, sign * k1, 1.001, lim)
     assert ramp_load(sign * k0, sign * s0, sign * k1, length, 200.0, math.inf, lim) < 1.0 + 1e-3
     assert ramp_load(sign * k0, sign * s0, sign * k1, 0.99 * length, 200.0, math.inf, lim) > 1.0
 
 
 def test_a_curvature_beyond_the_limit_has_no_ramp():
-    assert shortest_ramp(0.0, 0.0, 1.01 * DEFAULT.max_kappa, 1.1, limits(DEFAULT)) == math.inf
+    assert shortest_ramp(0.0, 0.0, 1.01 * DEFAULT.max_kappa, 1.1, curve_limits(DEFAULT)) == math.inf
 
 
 def test_a_load_that_is_no_number_is_not_within_the_limits():
-    assert not ramp_load(0.0, 0.0, math.nan, 5.0, 12.0, math.inf, limits(DEFAULT)) < math.inf
+    assert not ramp_load(0.0, 0.0, math.nan, 5.0, 12.0, math.inf, curve_limits(DEFAULT)) < math.inf
 
 
 def test_the_effort_of_few_samples_is_close_to_that_of_many_and_not_above_it():
     rng = np.random.default_rng(7)
-    lim = limits(DEFAULT)
+    lim = curve_limits(DEFAULT)
     for _ in range(20):
         start, goal = random_ends(DEFAULT, rng)
         for row in plan_turns(start, goal, lim, math.inf)[:1]:
@@ -259,7 +259,7 @@ def test_the_flat_state_is_that_of_the_vehicle():
 
 def test_a_hitch_that_is_not_over_the_axle_is_refused():
     with pytest.raises(ValueError, match="hitch_offset"):
-        limits(Vehicle(hitch_offset=0.5))
+        curve_limits(Vehicle(hitch_offset=0.5))
 
 
 def test_a_curvature_that_no_ramp_can_take_on_that_side_has_no_turns_there() -> None:

@@ -10,8 +10,8 @@ import pytest
 
 import replay.cli
 from optim.model.vehicle import Vehicle
-from replay.cli.options import UsageError
-from replay.cli.reading import read_vehicle
+from replay.base.errors import UsageError
+from replay.run.vehicle_file import read_vehicle
 
 OWN = Vehicle(wheelbase=3.8, hitch_to_axle=7.7, trailer_rear=11.123456789012345, max_steer_rate=0.45)
 

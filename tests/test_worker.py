@@ -22,9 +22,11 @@ from optim.model.path import Path
 from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
 from replay.run.case import Case, ReadReport
-from replay.run.judge import Interrupted, MethodRun, run_case
+from replay.run.judge import Interrupted, run_case
+from replay.run.limits import Limits
+from replay.run.outcome import MethodRun
 from replay.run.solving import Solved, solve
-from replay.run.worker import Limits, Workers
+from replay.run.worker import Workers
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

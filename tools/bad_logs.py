@@ -157,11 +157,7 @@ def _code(said: str) -> str:
 def _compare(case: dict[str, Any], status: int, said: str, spoken: str) -> list[str]:
     """What differs from what the manifest says of a case."""
     log = _document(said)
-    wrong = [f"exit status {status}"] if status not in (0, 2, 3) else []
-    if "Traceback" in spoken or "internal error" in spoken:
-        wrong.append("a traceback or an internal error")
-    if any(ord(letter) < 32 and letter not in "\n\t" for letter in spoken):
-        wrong.append("control characters on standard error")
+    wrong = _manners(status, spoken)
     if not log:
         return [*wrong, "no document"]
     error = log.get("error")
@@ -169,20 +165,34 @@ def _compare(case: dict[str, Any], status: int, said: str, spoken: str) -> list[
         wrong.append(f"not an error of one line with a code: {error!r}")
     read = sum(channel["messages"] for channel in log["channels"])
     if case["name"] in OWN_RULE:
-        wrong += _compare_own(case, status, log, read)
-    elif case["class"] == "accepts":
-        if status != 0 or log["lost"]:
-            wrong.append(f"not accepted (status {status}): {error}")
-        if read != case["messages"]:
-            wrong.append(f"{read} messages, {case['messages']} expected")
-    elif case["class"] == "recovers":
-        if case["messages"] is not None and read != case["messages"]:
-            wrong.append(f"{read} messages, {case['messages']} expected")
-        if not error and not spoken.strip() and not any(part["read"]["notes"] for part in log["cases"]):
-            wrong.append("no remark")
-    elif status == 0:
-        wrong.append(f"not refused, {case['code']} expected")
+        return wrong + _compare_own(case, status, log, read)
+    if case["class"] == "accepts":
+        return wrong + _compare_accepted(case, status, log, read)
+    if case["class"] == "recovers":
+        return wrong + _compare_recovered(case, log, read, spoken)
+    return [*wrong, f"not refused, {case['code']} expected"] if status == 0 else wrong
+
+
+def _manners(status: int, spoken: str) -> list[str]:
+    """What no log at all may lead to."""
+    wrong = [f"exit status {status}"] if status not in (0, 2, 3) else []
+    if "Traceback" in spoken or "internal error" in spoken:
+        wrong.append("a traceback or an internal error")
+    if any(ord(letter) < 32 and letter not in "\n\t" for letter in spoken):
+        wrong.append("control characters on standard error")
     return wrong
+
+
+def _compare_accepted(case: dict[str, Any], status: int, log: dict[str, Any], read: int) -> list[str]:
+    wrong = [f"not accepted (status {status}): {log.get('error')}"] if status != 0 or log["lost"] else []
+    return wrong if read == case["messages"] else [*wrong, f"{read} messages, {case['messages']} expected"]
+
+
+def _compare_recovered(case: dict[str, Any], log: dict[str, Any], read: int, spoken: str) -> list[str]:
+    counted = case["messages"] is None or read == case["messages"]
+    wrong = [] if counted else [f"{read} messages, {case['messages']} expected"]
+    remarked = log.get("error") or spoken.strip() or any(part["read"]["notes"] for part in log["cases"])
+    return wrong if remarked else [*wrong, "no remark"]
 
 
 def _compare_own(case: dict[str, Any], status: int, log: dict[str, Any], read: int) -> list[str]:

@@ -25,7 +25,7 @@ from optim.model.kinematics import roll_out
 from optim.model.path import Path, Segment, roll_out_segment
 from optim.model.vehicle import Vehicle, body_corners
 from replay.base.kernels import drop_stale
-from replay.run.results import path_to_document
+from replay.run.plain import path_to_document
 from tools.script import from_one, run
 
 STEP = 1e-4

@@ -1,4 +1,4 @@
-"""Compare the planners of tools/planners on sites of every class, and put the table into recordings/README.md.
+"""Compare the planners of optim/planning on sites of every class, and put the table into recordings/README.md.
 
 Usage: python tools/compare_planners.py [--sites N] [--seeds N] [--time-limit S] [--jobs N] [--print]
 
@@ -21,34 +21,33 @@ from typing import Any
 
 import numpy as np
 
-from replay.cli import use_one_thread
+from replay.base.threads import use_one_thread
 
 use_one_thread()
 
 from optim.audit.checks import audit_recorded  # noqa: E402 - after the threads have been settled
 from optim.model.metrics import metrics  # noqa: E402
 from optim.model.objective import Weights  # noqa: E402
-from optim.planning.closed_loop import ClosedLoopTree  # noqa: E402
-from optim.planning.exact_tree import ExactTree  # noqa: E402
+from optim.planning.closed_loop import ClosedLoopRrt  # noqa: E402
 from optim.planning.hybrid import HybridAStar  # noqa: E402
-from optim.planning.lookup import lookup_table  # noqa: E402
-from optim.planning.protocol import Planner, Task  # noqa: E402
-from optim.planning.rrt import Search  # noqa: E402
+from optim.planning.protocol import GiveUp, Planner, PlanningProblem  # noqa: E402
+from optim.planning.rrt import Rrt  # noqa: E402
 from replay.base.kernels import drop_stale  # noqa: E402
-from replay.run.results import path_to_document, scene_to_document  # noqa: E402
-from tools.corpus.build import task_of  # noqa: E402
+from replay.run.plain import path_to_document, scene_to_document  # noqa: E402
+from tools.corpus.build import problem_of  # noqa: E402
 from tools.corpus.families import CLASSES, draw_site  # noqa: E402
 from tools.corpus.grid import draw_grid  # noqa: E402
 from tools.corpus.site import Site  # noqa: E402
+from tools.corpus.tables import kept_table  # noqa: E402
 from tools.script import from_one, run  # noqa: E402
 
 README = pathlib.Path(__file__).resolve().parent.parent / "recordings" / "README.md"
 BEGIN, END = "<!-- planners: begin -->", "<!-- planners: end -->"
 NO_BOUND = 10**6  # the time limit ends every search
 PLANNERS: tuple[Planner, ...] = (
-    ExactTree(search=Search(max_iterations=20_000)),
-    ClosedLoopTree(max_iterations=NO_BOUND),
-    HybridAStar(max_nodes=1_000_000),
+    Rrt(max_iterations=20_000),
+    ClosedLoopRrt(max_iterations=NO_BOUND, table=kept_table),
+    HybridAStar(max_nodes=1_000_000, table=kept_table),
 )
 Row = dict[str, Any]
 
@@ -74,8 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def measure(options: argparse.Namespace) -> list[Row]:
     """A row for each class, site, seed and planner."""
     chosen = [(kind, number) for kind in CLASSES for number in range(1, options.sites + 1)]
-    for vehicle in {task.vehicle for task in map(_task, chosen)}:
-        lookup_table(vehicle)  # so that no search is charged for it
+    for vehicle in {problem.vehicle for problem in map(_problem, chosen)}:
+        kept_table(vehicle)  # so that no search is charged for it
     begun, rows = time.monotonic(), []
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn"), initializer=_warm_up) as pool:
         tasks = [pool.submit(_measure, kind, number, options.seeds, options.time_limit) for kind, number in chosen]
@@ -87,9 +86,9 @@ def measure(options: argparse.Namespace) -> list[Row]:
 
 def _warm_up() -> None:
     """Load the compiled code before anything is timed."""
-    task = _task(("open", 1))
+    problem = _problem(("open", 1))
     for planner in PLANNERS:
-        planner.plan(task, 0, 10.0)
+        planner.plan(problem, 0, after(10.0))
 
 
 def first_free(kind: str, number: int) -> Site:
@@ -97,23 +96,29 @@ def first_free(kind: str, number: int) -> Site:
     return next(site for variant in itertools.count() if (site := draw_site(kind, number, variant)) is not None)
 
 
-def _task(key: tuple[str, int]) -> Task:
+def after(time_limit: float) -> GiveUp:
+    """Whether so many seconds have passed since now."""
+    end = time.monotonic() + time_limit
+    return lambda: time.monotonic() > end
+
+
+def _problem(key: tuple[str, int]) -> PlanningProblem:
     site = first_free(*key)
-    return task_of(site, draw_grid(site))
+    return problem_of(site, draw_grid(site))
 
 
 def _measure(kind: str, number: int, seeds: int, time_limit: float) -> list[Row]:
-    task, rows = _task((kind, number)), []
-    lookup_table(task.vehicle)
+    problem, rows = _problem((kind, number)), []
+    kept_table(problem.vehicle)
     for seed, planner in itertools.product(range(seeds), PLANNERS):
         row = {"class": kind, "site": f"{kind}_{number:02d}", "seed": seed, "planner": planner.name}
         begun = time.perf_counter()
-        plan = planner.plan(task, seed, time_limit)
+        plan = planner.plan(problem, seed, after(time_limit))
         row |= {"seconds": time.perf_counter() - begun, "found": False, "audit": True}
         if plan is not None:
-            scene, path = scene_to_document(task.scene), path_to_document(plan.path)
-            row["audit"] = row["found"] = audit_recorded(asdict(task.vehicle), scene, path).passed
-            row |= metrics(task.vehicle, task.scene, plan.path, Weights())
+            scene, path = scene_to_document(problem.scene), path_to_document(plan.path)
+            row["audit"] = row["found"] = audit_recorded(asdict(problem.vehicle), scene, path).passed
+            row |= asdict(metrics(problem.vehicle, problem.scene, plan.path, Weights()))
         rows.append(row)
     return rows
 

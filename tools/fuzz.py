@@ -39,16 +39,16 @@ except ModuleNotFoundError:
     sys.exit(2)
 with atheris.instrument_imports(include=["replay"]):
     from replay.base.errors import ReplayError
-    from replay.logs.container.records import Metadata
+    from replay.logs.container.log import Metadata
     from replay.logs.container.scan import scan
     from replay.logs.meaning.assemble import read_cases
     from replay.logs.meaning.planar import Refusal
     from replay.logs.meaning.vehicle import nodes_of, vehicle_of
     from replay.logs.messages import foxglove
-    from replay.logs.messages.content import PayloadError
+    from replay.logs.messages.definition import matching_definition
     from replay.logs.messages.idl import parse_idl
-    from replay.logs.messages.layout import LayoutError, matching_layout
-    from replay.logs.messages.ros2 import FAMILIES
+    from replay.logs.messages.ros2 import MESSAGE_TYPES
+    from replay.logs.messages.types import DefinitionError, PayloadError
     from replay.run.confirm import audit_results
     from replay.run.results import read_results
 
@@ -63,7 +63,7 @@ ENDLESS_S = 120
 BETWEEN = b"\xfe\xed\xfa\xce"
 """Between the parts of an input of `meaning`: map, path, trailer's path, hitch_to_axle, indices of nodes."""
 TOPICS = (("/map", "nav_msgs/msg/OccupancyGrid"), ("/truck", "nav_msgs/msg/Path"), ("/trailer", "nav_msgs/msg/Path"))
-_KINDS = sorted(foxglove.FAMILIES)
+_KINDS = sorted(foxglove.MESSAGE_TYPES)
 LARGEST = 100_000  # bytes of an input; sound logs of a few messages have 5,000
 
 
@@ -75,31 +75,31 @@ def container(path: pathlib.Path, data: bytes) -> None:
 
 def messages(path: pathlib.Path, data: bytes) -> None:
     del path
-    families = sorted(FAMILIES)
-    name = families[data[0] % len(families)] if data else families[0]
-    family = FAMILIES[name]
+    names = sorted(MESSAGE_TYPES)
+    name = names[data[0] % len(names)] if data else names[0]
+    kind = MESSAGE_TYPES[name]
     with contextlib.suppress(PayloadError):
-        family.decode(data[1:], 0)
-    with contextlib.suppress(LayoutError):
-        matching_layout(name, data[1:], family.standards)
+        kind.decode(data[1:], 0)
+    with contextlib.suppress(DefinitionError):
+        matching_definition(name, data[1:], kind.standards)
 
 
 def idl(path: pathlib.Path, data: bytes) -> None:
     del path
-    with contextlib.suppress(LayoutError):
+    with contextlib.suppress(DefinitionError):
         parse_idl(data.decode(errors="replace"))
 
 
 def _foxglove(data: bytes, encodings: tuple[str, str]) -> None:
-    family = foxglove.FAMILIES[_KINDS[data[0] % len(_KINDS)]] if data else foxglove.FAMILIES[_KINDS[0]]
-    read = family.reader(encodings, _definition(family.name) if encodings[0] == "protobuf" else b"")
+    decode = _decoder(_KINDS[data[0] % len(_KINDS)] if data else _KINDS[0], encodings)
     with contextlib.suppress(PayloadError):
-        read(data[1:])
+        decode(data[1:])
 
 
 @functools.cache
-def _definition(kind: str) -> bytes:
-    return foxglove_maker.definition(foxglove_maker.message(kind.removeprefix("foxglove.")))
+def _decoder(kind: str, encodings: tuple[str, str]) -> Callable[[bytes], Any]:
+    definition = foxglove_maker.definition(foxglove_maker.message(kind.removeprefix("foxglove.")))
+    return foxglove.MESSAGE_TYPES[kind].decoder(encodings, definition if encodings[0] == "protobuf" else b"")
 
 
 def protobuf(path: pathlib.Path, data: bytes) -> None:
@@ -114,8 +114,8 @@ def json_messages(path: pathlib.Path, data: bytes) -> None:
 
 def descriptors(path: pathlib.Path, data: bytes) -> None:
     del path
-    with contextlib.suppress(LayoutError):
-        foxglove.FAMILIES["foxglove.SceneUpdate"].reader(("protobuf", "protobuf"), data)
+    with contextlib.suppress(DefinitionError):
+        foxglove.MESSAGE_TYPES["foxglove.SceneUpdate"].decoder(("protobuf", "protobuf"), data)
 
 
 def meaning(path: pathlib.Path, data: bytes) -> None:
@@ -123,7 +123,7 @@ def meaning(path: pathlib.Path, data: bytes) -> None:
     maker = logs_maker.LogMaker()
     for (topic, kind), body in zip(TOPICS, parts, strict=False):
         if body:
-            maker.add_raw(topic, kind, body, definition=FAMILIES[kind].standards[0].encode())
+            maker.add_raw(topic, kind, body, definition=MESSAGE_TYPES[kind].standards[0].encode())
     maker.metadata = [("vehicle", {"wheelbase": "3.6", "hitch_to_axle": parts[3].decode(errors="replace") or "8"})]
     maker.nodes(parts[4].decode(errors="replace"))
     path.write_bytes(maker.bytes())
@@ -168,16 +168,16 @@ def seeds(target: str) -> Iterator[bytes]:
     elif target == "meaning":
         yield BETWEEN.join((*bodies, b"8", b"[0, 5]"))
     elif target == "messages":
-        numbers = [sorted(FAMILIES).index(kind) for _, kind in TOPICS]
+        numbers = [sorted(MESSAGE_TYPES).index(kind) for _, kind in TOPICS]
         yield from (bytes([number]) + body for number, body in zip(numbers, bodies, strict=True))
         yield from (
-            bytes([number]) + FAMILIES[kind].standards[0].encode()
+            bytes([number]) + MESSAGE_TYPES[kind].standards[0].encode()
             for number, (_, kind) in zip(numbers, TOPICS, strict=True)
         )
     elif target in ("protobuf", "json", "descriptors"):
         yield from _foxglove_seeds(target)
     elif target == "idl":
-        yield from (idl_maker.idl(kind).encode() for kind in FAMILIES)
+        yield from (idl_maker.idl(kind).encode() for kind in MESSAGE_TYPES)
     elif target == "metadata":
         yield b'"wheelbase"3.6 8 [0, 3, 7]'
     else:
@@ -206,6 +206,7 @@ def _small_results() -> bytes:
     random_problem = importlib.import_module("scenes").random_problem
 
     from optim.methods.shortcut import Shortcut
+    from replay.base.documents import to_bytes
     from replay.run.case import Case, ReadReport
     from replay.run.judge import run_case
     from replay.run.results import to_document
@@ -216,7 +217,7 @@ def _small_results() -> bytes:
         name="x/0", log=pathlib.Path("x.mcap"), sha256="0" * 64, problem=problem, read=read, map=None, frame="map"
     )
     run = run_case(case, {"shortcut": Shortcut(tries=1)})
-    return json.dumps(to_document(run)).encode()
+    return to_bytes(to_document(run))
 
 
 def main() -> None:

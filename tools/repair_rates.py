@@ -33,7 +33,7 @@ from replay.base.errors import LogError  # noqa: E402
 from replay.base.kernels import drop_stale  # noqa: E402
 from replay.logs import ReadOptions, read_cases  # noqa: E402
 from replay.run.case import Case  # noqa: E402
-from replay.run.results import path_to_document, scene_to_document  # noqa: E402
+from replay.run.plain import path_to_document, scene_to_document  # noqa: E402
 from tools.script import existing, from_one, run  # noqa: E402
 
 make: Any = importlib.import_module("logs_maker")

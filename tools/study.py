@@ -24,10 +24,11 @@ import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import asdict
 from multiprocessing import get_context
 from typing import Any
 
-from replay.cli import use_one_thread
+from replay.base.threads import use_one_thread
 
 use_one_thread()
 
@@ -41,7 +42,8 @@ from replay.base.files import atomic_write  # noqa: E402
 from replay.base.kernels import drop_stale  # noqa: E402
 from replay.logs import read_cases  # noqa: E402
 from replay.run.judge import run_case  # noqa: E402
-from replay.run.worker import Limits, Workers  # noqa: E402
+from replay.run.limits import Limits  # noqa: E402
+from replay.run.worker import Workers  # noqa: E402
 from tools.corpus.catalogue import FULL, SITES, Entry, read_list  # noqa: E402
 from tools.script import existing, from_one, method_name, run  # noqa: E402
 from tools.study_descriptions import obstacles_report  # noqa: E402
@@ -173,11 +175,13 @@ def _measure(name: str, path: pathlib.Path, methods: dict[str, Method], time_lim
         return [{"log": name, "method": "recorded", "status": "unreadable", "reason": str(error)}]
     with Workers(Limits(time_s=time_limit, memory_mib=4096)) as workers:
         run = run_case(case, methods, solve=workers)
-    recorded = {"log": name, "method": "recorded", "status": "recorded", "feasible": run.recorded_audit["passed"]}
-    rows = [recorded | {"metrics": run.recorded_metrics}]
+    recorded = {"log": name, "method": "recorded", "status": "recorded", "feasible": run.recorded_audit.passed}
+    rows = [recorded | {"metrics": asdict(run.recorded_metrics)}]
     for each in run.methods:
         row = {"log": name, "method": each.name, "status": each.status, "stop": each.stop, "reason": each.reason}
-        rows.append(row | {"metrics": each.metrics, "wall_s": each.wall_s, "rejected": each.rejected is not None})
+        rows.append(
+            row | {"metrics": asdict(each.metrics), "wall_s": each.wall_s, "rejected": each.rejected is not None}
+        )
     return rows
 
 

@@ -1,7 +1,7 @@
 """The independent check of a path: plain data in (as in `replay.results/1`), named checks with numbers out.
 
 It shares nothing with the methods: own integrator, own footprints, own objective, and `shapely` for distances
-(`audit_motion` has the bound for what happens between samples, and its proof). It never raises for what a
+(`optim.audit.motion` has the bound for what happens between samples, and its proof). It never raises for what a
 document holds: what is missing, of the wrong type or not a number is rejected by a check that says so. Where
 that leaves other checks without sense they are absent, and the report is not complete and has not passed.
 
@@ -24,7 +24,7 @@ A free roll-out over a whole segment is no check: in reverse errors grow like ex
 import math
 import sys
 from collections.abc import Callable, Container, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -33,8 +33,9 @@ import numpy as np
 from optim.audit.data import (
     WEIGHTS,
     Array,
-    Refusal,
-    Track,
+    Float64,
+    PathData,
+    Unreadable,
     VehicleData,
     read_path,
     read_scene,
@@ -45,25 +46,25 @@ from optim.audit.motion import BODIES, Sweep, integrate, sweep
 from optim.audit.report import AuditReport, Check, at_least, at_most
 
 ROUNDING = 1e-9
-"""What the spacing may exceed its limit by [m], since arc lengths are sums."""
+"""Tolerance of the limit on spacing [m], since arc lengths are sums."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerances:
-    """How far a path may be off. The defaults are the project's contract."""
+    """Tolerances of the checks; the defaults are the project's contract."""
 
     defect_position: float = 1e-4
-    """Of the end of each interval, re-integrated from its stored start [m]."""
+    """Position defect at the end of each interval, re-integrated from its stored start [m]."""
     defect_angle: float = 1e-4
-    """As above, of heading and hitch angle [rad]."""
+    """Defect of heading and of hitch angle there [rad]."""
     sum_position: float = 0.010
-    """Of all position defects together [m]."""
+    """Sum of all position defects [m]."""
     sum_angle: float = 0.010
-    """Of all heading defects together, and of all hitch angle defects [rad]."""
+    """Sum of all heading defects, and of all hitch angle defects [rad]."""
     goal_position: float = 0.010
     """Distance from the recorded goal [m]."""
     goal_angle: float = math.radians(0.1)
-    """Heading and hitch angle from the recorded goal's [rad]."""
+    """Difference in heading and in hitch angle from the recorded goal [rad]."""
     limits: float = 1e-3
     """Relative excess over the limits on steering, hitch angle and steering rate [-]."""
     spacing: float = 0.1
@@ -120,14 +121,14 @@ class _Subject(NamedTuple):
     """What the checks look at: a document as read, and what follows from it."""
 
     vehicle: VehicleData
-    track: Track
-    recorded: Track
+    path: PathData
+    recorded: PathData
     recomputed: float
-    """J of the path."""
+    """J of the path [-]."""
     reported: Any
-    defects: Array
-    """Of x, y, theta, alpha in each interval. Shape (4, M)."""
-    hitch: Array
+    defects: Float64[Array, "4 M"]
+    """Defects of x, y, theta, alpha in each interval [m, rad]. Shape (4, M)."""
+    hitch: Float64[Array, " M"]
     """Largest |alpha| in each interval [rad]. Shape (M,)."""
     swept: Sweep
     tolerances: Tolerances
@@ -139,8 +140,8 @@ def _audit(document: _Document, tolerances: Tolerances, wanted: Container[str]) 
     try:
         with np.errstate(all="ignore"):  # overflow ends as inf or NaN, and neither passes a check
             complete = _check_all(checks, document, tolerances, wanted)
-    except Refusal as refusal:
-        checks[refusal.name] = Check(passed=False, sentence=str(refusal), values={}, limits={})
+    except Unreadable as error:
+        checks[error.name] = Check(passed=False, sentence=str(error), values={}, limits={})
         complete = False
     return AuditReport(checks=checks, complete=complete)
 
@@ -148,26 +149,26 @@ def _audit(document: _Document, tolerances: Tolerances, wanted: Container[str]) 
 def _check_all(checks: dict[str, Check], document: _Document, tolerances: Tolerances, wanted: Container[str]) -> bool:
     """Fill in the checks as far as they make sense; whether that was all of them."""
     vehicle, scene = read_vehicle(document.vehicle), read_scene(document.scene)
-    track, claim = read_path(document.path, "path"), document.claim
-    recorded = read_path(claim.recorded, "recorded") if claim else track
+    path, claim = read_path(document.path, "path"), document.claim
+    recorded = read_path(claim.recorded, "recorded") if claim else path
     weights: Mapping[str, float] = read_weights(claim.weights) if claim else dict.fromkeys(map(str, WEIGHTS), 0.0)
-    counts = f"{len(track.directions)} segments, {len(track.segment)} samples, {len(scene.polygons)} polygons"
+    counts = f"{len(path.directions)} segments, {len(path.segment)} samples, {len(scene.polygons)} polygons"
     checks["structure"] = checks["finite"] = Check(passed=True, sentence=counts, values={}, limits={})
     if "spacing" in wanted:
-        checks["spacing"] = _spacing(track, tolerances)
+        checks["spacing"] = _spacing(path, tolerances)
         if not checks["spacing"].passed:
             return False  # rates and defects are defined by the spacing
-    ends, hitch = integrate(vehicle, track, tolerances.substep)
-    defects = track.after[1:5] - ends
+    ends, hitch = integrate(vehicle, path, tolerances.substep)
+    defects = path.after[1:5] - ends
     subject = _Subject(
         vehicle=vehicle,
-        track=track,
+        path=path,
         recorded=recorded,
-        recomputed=_recomputed(track, weights),
+        recomputed=_recomputed(path, weights),
         reported=claim.objective if claim else None,
         defects=defects,
         hitch=hitch,
-        swept=sweep(vehicle, scene, track, defects),
+        swept=sweep(vehicle, scene, path, defects),
         tolerances=tolerances,
     )
     without = () if claim else OF_A_CLAIM
@@ -176,56 +177,56 @@ def _check_all(checks: dict[str, Check], document: _Document, tolerances: Tolera
     return True
 
 
-def _spacing(track: Track, tolerances: Tolerances) -> Check:
-    ds = track.ds
+def _spacing(path: PathData, tolerances: Tolerances) -> Check:
+    ds = path.ds
     worst = int(np.argmin(ds)) if ds.min() <= 0.0 else int(np.argmax(ds))
     quantities = {
         "largest": (ds.max(), tolerances.spacing + ROUNDING, "m"),
         "backward": (max(0.0, -ds.min()), 0.0, "m"),
         "repeated": (np.count_nonzero(ds == 0.0), 0, "samples"),
-        "start": (np.abs(track.samples[0, track.firsts]).max(), 0.0, "m"),
+        "start": (np.abs(path.samples[0, path.firsts]).max(), 0.0, "m"),
     }
-    return at_most("distance between samples", quantities, track.place(track.left[worst]))
+    return at_most("distance between samples", quantities, path.place(path.left[worst]))
 
 
 def _joints(subject: _Subject) -> Check:
-    track = subject.track
-    later = track.firsts[1:]
-    gaps = np.abs(track.samples[1:5, later] - track.samples[1:5, later - 1])
+    path = subject.path
+    later = path.firsts[1:]
+    gaps = np.abs(path.samples[1:5, later] - path.samples[1:5, later - 1])
     quantities = {
         "position": (gaps[:2].max(initial=0.0), 0.0, "m"),
         "heading": (gaps[2].max(initial=0.0), 0.0, "rad"),
         "hitch": (gaps[3].max(initial=0.0), 0.0, "rad"),
     }
-    place = track.place(later[int(np.argmax(gaps.max(axis=0)))]) if len(later) else None
+    place = path.place(later[int(np.argmax(gaps.max(axis=0)))]) if len(later) else None
     return at_most("gap between segments", quantities, place)
 
 
 def _start(subject: _Subject) -> Check:
-    off = np.abs(subject.track.samples[1:5, 0] - subject.recorded.samples[1:5, 0])
+    off = np.abs(subject.path.samples[1:5, 0] - subject.recorded.samples[1:5, 0])
     quantities = {"position": (off[:2].max(), 0.0, "m"), "heading": (off[2], 0.0, "rad"), "hitch": (off[3], 0.0, "rad")}
-    return at_most("start, from the recorded one", quantities, subject.track.place(0))
+    return at_most("start, from the recorded one", quantities, subject.path.place(0))
 
 
 def _goal(subject: _Subject) -> Check:
-    x, y, theta, alpha = subject.track.samples[1:5, -1] - subject.recorded.samples[1:5, -1]
+    x, y, theta, alpha = subject.path.samples[1:5, -1] - subject.recorded.samples[1:5, -1]
     tolerances = subject.tolerances
     quantities = {
         "position": (math.hypot(x, y), tolerances.goal_position, "m"),
         "heading": (abs(math.remainder(theta, math.tau)), tolerances.goal_angle, "rad"),
         "hitch": (abs(alpha), tolerances.goal_angle, "rad"),
     }
-    return at_most("goal, from the recorded one", quantities, subject.track.place(-1))
+    return at_most("goal, from the recorded one", quantities, subject.path.place(-1))
 
 
 def _largest_defects(subject: _Subject) -> Check:
-    track, defects, tolerances = subject.track, subject.defects, subject.tolerances
+    path, defects, tolerances = subject.path, subject.defects, subject.tolerances
     sizes = np.stack([np.hypot(*defects[:2]), *np.abs(defects[2:])])
     limits = tolerances.defect_position, tolerances.defect_angle, tolerances.defect_angle
     worst = int(np.argmax((sizes / np.array(limits)[:, None]).max(axis=0)))
     names = zip(("position", "heading", "hitch"), sizes.max(axis=1), limits, ("m", "rad", "rad"), strict=True)
     quantities = {name: (value, limit, unit) for name, value, limit, unit in names}
-    return at_most("largest defect of an interval", quantities, track.place(track.left[worst]))
+    return at_most("largest defect of an interval", quantities, path.place(path.left[worst]))
 
 
 def _sums_of_defects(subject: _Subject) -> Check:
@@ -239,22 +240,22 @@ def _sums_of_defects(subject: _Subject) -> Check:
 
 
 def _steer(subject: _Subject) -> Check:
-    steer, track = np.abs(subject.track.samples[5]), subject.track
+    steer, path = np.abs(subject.path.samples[5]), subject.path
     quantities = {"steer": (steer.max(), _relaxed(subject, "max_steer"), "rad")}
-    return at_most("largest steering angle", quantities, track.place(int(np.argmax(steer))))
+    return at_most("largest steering angle", quantities, path.place(int(np.argmax(steer))))
 
 
 def _hitch(subject: _Subject) -> Check:
     quantities = {"hitch": (subject.hitch.max(), _relaxed(subject, "max_hitch"), "rad")}
-    place = subject.track.place(subject.track.left[int(np.argmax(subject.hitch))])
+    place = subject.path.place(subject.path.left[int(np.argmax(subject.hitch))])
     return at_most("largest hitch angle", quantities, place)
 
 
 def _steer_rate(subject: _Subject) -> Check:
-    track = subject.track
-    rate = np.abs(track.after[5] - track.before[5]) / track.ds
+    path = subject.path
+    rate = np.abs(path.after[5] - path.before[5]) / path.ds
     quantities = {"rate": (rate.max(), _relaxed(subject, "max_steer_rate"), "rad/m")}
-    return at_most("largest steering rate", quantities, track.place(track.left[int(np.argmax(rate))]))
+    return at_most("largest steering rate", quantities, path.place(path.left[int(np.argmax(rate))]))
 
 
 def _relaxed(subject: _Subject, limit: str) -> float:
@@ -262,29 +263,30 @@ def _relaxed(subject: _Subject, limit: str) -> float:
 
 
 def _clearance(subject: _Subject) -> Check:
-    track, swept = subject.track, subject.swept
+    path, swept = subject.path, subject.swept
     interval, body = np.unravel_index(int(np.argmin(swept.clearance)), swept.clearance.shape)
-    place = track.place(track.left[interval]) | {"body": BODIES[body], "polygon": int(swept.polygon[interval, body])}
+    polygon = int(swept.polygon[interval, body])
+    place = replace(path.place(path.left[interval]), body=BODIES[body], polygon=polygon)
     return at_least("clearance", swept.clearance, subject.tolerances.clearance, place)
 
 
 def _boundary(subject: _Subject) -> Check:
-    track, swept = subject.track, subject.swept
+    path, swept = subject.path, subject.swept
     interval, body = np.unravel_index(int(np.argmin(swept.room)), swept.room.shape)
-    place = track.place(track.left[interval]) | {"body": BODIES[body]}
+    place = replace(path.place(path.left[interval]), body=BODIES[body])
     return at_least("distance to the map's outline", swept.room, subject.tolerances.clearance, place)
 
 
-def _recomputed(track: Track, weights: Mapping[str, float]) -> float:
+def _recomputed(path: PathData, weights: Mapping[str, float]) -> float:
     """J of the samples; phi is linear between them, so the integrals are sums."""
-    left, right, ds = track.before[5], track.after[5], track.ds
-    later = track.firsts[1:]
+    left, right, ds = path.before[5], path.after[5], path.ds
+    later = path.firsts[1:]
     terms = {
         "length": ds.sum(),
         "steer": (ds * ((left + right) ** 2 - left * right)).sum() / 3,
         "rate": ((right - left) ** 2 / ds).sum(),
-        "cusp": np.count_nonzero(np.diff(track.directions)),
-        "jump": ((track.samples[5, later] - track.samples[5, later - 1]) ** 2).sum(),
+        "cusp": np.count_nonzero(np.diff(path.directions)),
+        "jump": ((path.samples[5, later] - path.samples[5, later - 1]) ** 2).sum(),
     }
     return float(sum(weights[name] * value for name, value in terms.items()))
 

@@ -1,22 +1,26 @@
-"""Reading a results document for the audit: plain data in, arrays out, and a `Refusal` for everything else.
+"""Reading a results document for the audit: plain data in, arrays out, and `Unreadable` for everything else.
 
-A document may come from anywhere and hold anything. Whatever is wrong with it ends as a `Refusal`, which
+A document may come from anywhere and hold anything. Whatever is wrong with it ends as `Unreadable`, which
 carries the name of the check that reports it: `structure` (missing, wrong type or shape, impossible value)
 or `finite` (null, NaN, infinite, absurdly large). Nothing is repaired, nothing is guessed.
 """
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated as Float64
+from typing import Annotated as Int64
+from typing import Annotated as Shaped
 from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+# as in `optim.numerics.arrays`, of which the audit is independent
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Shapes = NDArray[np.object_]
-Place = dict[str, float | int | str]
 
 COLUMNS = ("s", "x", "y", "theta", "alpha", "phi")
 WEIGHTS = ("length", "steer", "rate", "cusp", "jump")
@@ -24,7 +28,20 @@ LARGEST = 1e8
 """No coordinate or angle may be larger [m, rad]: above it a float64 no longer resolves the tolerances."""
 
 
-class Refusal(Exception):
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where on a path a check is worst."""
+
+    segment: int
+    s: float
+    """Arc length in the segment [m]."""
+    body: str | None = None
+    """One of `optim.audit.motion.BODIES`, where the check distinguishes them."""
+    polygon: int | None = None
+    """Index of the nearest obstacle."""
+
+
+class Unreadable(Exception):
     """The document cannot be read; `name` is the check that reports it."""
 
     def __init__(self, name: str, sentence: str) -> None:
@@ -52,20 +69,20 @@ class VehicleData(NamedTuple):
 class SceneData(NamedTuple):
     """Obstacles and the map's outline as shapely polygons."""
 
-    polygons: Shapes
+    polygons: Shaped[Shapes, " _"]
     boundary: shapely.Polygon | None
 
 
-class Track(NamedTuple):
+class PathData(NamedTuple):
     """A path in one piece: N samples, M intervals between neighbours (none across a joint of segments)."""
 
-    samples: Array
+    samples: Float64[Array, "6 N"]
     """Shape (6, N), rows as COLUMNS."""
-    segment: IntArray
+    segment: Int64[IntArray, " N"]
     """Segment of each sample. Shape (N,)."""
-    directions: IntArray
-    """+1 or -1 for each segment."""
-    left: IntArray
+    directions: Int64[IntArray, " S"]
+    """+1 or -1 for each segment. Shape (S,)."""
+    left: Int64[IntArray, " M"]
     """Sample at which each interval starts. Shape (M,)."""
 
     @property
@@ -95,7 +112,7 @@ class Track(NamedTuple):
 
     def place(self, sample: int | np.integer) -> Place:
         """Where a sample lies: its segment, and the arc length in it [m]."""
-        return {"segment": int(self.segment[sample]), "s": float(self.samples[0, sample])}
+        return Place(segment=int(self.segment[sample]), s=float(self.samples[0, sample]))
 
 
 def read_vehicle(vehicle: Any) -> VehicleData:
@@ -115,22 +132,22 @@ def read_scene(scene: Any) -> SceneData:
     """The polygons, each simple and with an area, and the boundary where there is one."""
     outlines = _entry(scene, "polygons", "scene")
     if isinstance(outlines, (str, bytes)) or not isinstance(outlines, (Sequence, np.ndarray)):
-        raise Refusal("structure", f"scene.polygons is {_kind(outlines)}, expected a list")
+        raise Unreadable("structure", f"scene.polygons is {_kind(outlines)}, expected a list")
     boundary = scene.get("boundary")
     areas = _areas(outlines, "scene.polygons")
     return SceneData(areas, None if boundary is None else _areas([boundary], "scene.boundary")[0])
 
 
-def read_path(path: Any, where: str) -> Track:
-    """A path of at least one segment of at least two samples; `where` names it in refusals."""
+def read_path(path: Any, where: str) -> PathData:
+    """A path of at least one segment of at least two samples; `where` names it in messages."""
     segments = _entry(path, "segments", where)
     if not isinstance(segments, (list, tuple)) or not segments:
-        raise Refusal("structure", f"{where}.segments is empty or no list")
+        raise Unreadable("structure", f"{where}.segments is empty or no list")
     parts = [_segment(segment, f"{where}.segments[{i}]") for i, segment in enumerate(segments)]
     counts = [part.shape[1] for _, part in parts]
     inner = np.ones(sum(counts), dtype=bool)
     inner[np.cumsum(counts) - 1] = False
-    return Track(
+    return PathData(
         samples=np.concatenate([part for _, part in parts], axis=1),
         segment=np.repeat(np.arange(len(counts)), counts),
         directions=np.array([direction for direction, _ in parts]),
@@ -144,7 +161,7 @@ def _segment(segment: Any, where: str) -> tuple[int, Array]:
     columns = [_numbers(_entry(segment, key, where), f"{where}.{key}") for key in COLUMNS]
     shapes = {column.shape for column in columns}
     if len(shapes) > 1 or columns[0].ndim != 1 or len(columns[0]) < 2:
-        raise Refusal("structure", f"{where} has arrays of shapes {sorted(shapes)}, expected one, (2 or more,)")
+        raise Unreadable("structure", f"{where} has arrays of shapes {sorted(shapes)}, expected one, (2 or more,)")
     for key, column in zip(COLUMNS, columns, strict=True):
         _require_finite(column, f"{where}.{key}")
     return int(direction), np.array(columns)
@@ -152,14 +169,14 @@ def _segment(segment: Any, where: str) -> tuple[int, Array]:
 
 def _require_gear(direction: Any, where: str) -> None:
     if isinstance(direction, bool) or not isinstance(direction, (int, np.integer)) or direction not in (1, -1):
-        raise Refusal("structure", f"{where}.direction is neither 1 nor -1")
+        raise Unreadable("structure", f"{where}.direction is neither 1 nor -1")
 
 
 def _areas(outlines: Sequence[Any] | NDArray[Any], where: str) -> Shapes:
     rings = [_numbers(outline, f"{where}[{i}]") for i, outline in enumerate(outlines)]
     for i, ring in enumerate(rings):
         if ring.ndim != 2 or ring.shape[1] != 2 or len(ring) < 3:
-            raise Refusal("structure", f"{where}[{i}] has shape {ring.shape}, expected (3 or more, 2)")
+            raise Unreadable("structure", f"{where}[{i}] has shape {ring.shape}, expected (3 or more, 2)")
         _require_finite(ring, f"{where}[{i}]")
     if not rings:
         return np.empty(0, dtype=object)
@@ -172,14 +189,14 @@ def _areas(outlines: Sequence[Any] | NDArray[Any], where: str) -> Shapes:
 def _require_simple(areas: Shapes, where: str) -> None:
     bad = ~(shapely.is_valid(areas) & (shapely.area(areas) > 0.0))
     if bad.any():
-        raise Refusal("structure", f"{where}[{int(np.argmax(bad))}] is not a simple polygon with an area")
+        raise Unreadable("structure", f"{where}[{int(np.argmax(bad))}] is not a simple polygon with an area")
 
 
 def _entry(data: Any, key: str, where: str) -> Any:
     if not isinstance(data, Mapping):
-        raise Refusal("structure", f"{where} is {_kind(data)}, expected an object")
+        raise Unreadable("structure", f"{where} is {_kind(data)}, expected an object")
     if key not in data:
-        raise Refusal("structure", f"{where}.{key} is missing")
+        raise Unreadable("structure", f"{where}.{key} is missing")
     return data[key]
 
 
@@ -194,12 +211,12 @@ def _is_number(value: Any) -> bool:
 def _number(data: Any, key: str, where: str, low: float, high: float) -> float:
     value = _entry(data, key, where)
     if not _is_number(value):
-        raise Refusal("structure", f"{where}.{key} is {_kind(value)}, expected a number")
+        raise Unreadable("structure", f"{where}.{key} is {_kind(value)}, expected a number")
     if isinstance(value, float) and not math.isfinite(value):
-        raise Refusal("finite", f"{where}.{key} is {value}")
+        raise Unreadable("finite", f"{where}.{key} is {value}")
     number = float(min(max(value, -1e300), 1e300))  # an integer may be beyond float64
     if not low <= number <= high:
-        raise Refusal("structure", f"{where}.{key} is {number:g}, expected {low:g} to {high:g}")
+        raise Unreadable("structure", f"{where}.{key} is {number:g}, expected {low:g} to {high:g}")
     return number
 
 
@@ -213,7 +230,7 @@ def _numbers(values: Any, where: str) -> Array:
             return array.astype(np.float64)
     except (ValueError, TypeError, OverflowError):
         pass  # ragged, or an integer beyond float64
-    raise Refusal("structure", f"{where} is not an array of numbers")
+    raise Unreadable("structure", f"{where} is not an array of numbers")
 
 
 def _require_finite(array: Array, where: str) -> None:
@@ -221,4 +238,4 @@ def _require_finite(array: Array, where: str) -> None:
     if bad.any():
         index = tuple(int(i) for i in np.argwhere(bad)[0])
         position = ", ".join(map(str, index))
-        raise Refusal("finite", f"{where}[{position}] is {array[index]:g}, expected a number up to {LARGEST:g}")
+        raise Unreadable("finite", f"{where}[{position}] is {array[index]:g}, expected a number up to {LARGEST:g}")

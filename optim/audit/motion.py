@@ -42,7 +42,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from optim.audit.data import Array, IntArray, SceneData, Shapes, Track, VehicleData
+from optim.audit.data import Array, Float64, Int64, IntArray, PathData, SceneData, Shapes, VehicleData
 
 BODIES = ("truck", "trailer")
 PAIRS_AT_ONCE = 20_000
@@ -52,25 +52,25 @@ PAIRS_AT_ONCE = 20_000
 class Sweep(NamedTuple):
     """Signed distances of the inflated hulls, for M intervals and both bodies. Arrays have shape (M, 2)."""
 
-    clearance: Array
+    clearance: Float64[Array, "M 2"]
     """From the nearest obstacle [m]; inf without any; minus penetration depth and inflation on overlap."""
-    polygon: IntArray
+    polygon: Int64[IntArray, "M 2"]
     """The obstacle concerned, -1 without obstacles."""
-    room: Array
+    room: Float64[Array, "M 2"]
     """To the map's outline, from inside [m]; inf without an outline; negative outside."""
-    inflation: Array
+    inflation: Float64[Array, "M 2"]
     """What the hulls were inflated by [m]."""
 
 
-def integrate(vehicle: VehicleData, track: Track, substep: float) -> tuple[Array, Array]:
+def integrate(vehicle: VehicleData, path: PathData, substep: float) -> tuple[Array, Array]:
     """All intervals at once from their stored starts, RK4, phi linear.
 
     Returns x, y, theta, alpha at the ends, shape (4, M), and the largest |alpha| on the way, shape (M,).
     """
-    phi0, phi1, d = track.before[5], track.after[5], track.direction
-    steps = max(1, math.ceil(float(track.ds.max()) / substep - 1e-6))
-    h = track.ds / steps
-    state, peak = track.before[1:5].copy(), np.abs(track.before[4])
+    phi0, phi1, d = path.before[5], path.after[5], path.direction
+    steps = max(1, math.ceil(float(path.ds.max()) / substep - 1e-6))
+    h = path.ds / steps
+    state, peak = path.before[1:5].copy(), np.abs(path.before[4])
     for i in range(steps):
         first, middle, last = (phi0 + (phi1 - phi0) * ((i + part) / steps) for part in (0.0, 0.5, 1.0))
         k1 = slope(vehicle, state, first, d)
@@ -79,7 +79,7 @@ def integrate(vehicle: VehicleData, track: Track, substep: float) -> tuple[Array
         k4 = slope(vehicle, state + h * k3, last, d)
         state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         peak = np.maximum(peak, np.abs(state[3]))
-    return state, np.maximum(peak, np.abs(track.after[4]))
+    return state, np.maximum(peak, np.abs(path.after[4]))
 
 
 def slope(vehicle: VehicleData, state: Array, phi: Array, d: IntArray) -> Array:
@@ -90,13 +90,13 @@ def slope(vehicle: VehicleData, state: Array, phi: Array, d: IntArray) -> Array:
     return np.stack([d * np.cos(theta), d * np.sin(theta), curvature, -sideways / vehicle.hitch_to_axle - curvature])
 
 
-def sweep(vehicle: VehicleData, scene: SceneData, track: Track, defects: Array) -> Sweep:
+def sweep(vehicle: VehicleData, scene: SceneData, path: PathData, defects: Array) -> Sweep:
     """Distances of the area swept in each interval; `defects` of x, y, theta, alpha have shape (4, M)."""
-    corners = footprints(vehicle, track.samples)
-    pairs = np.concatenate([corners[track.left], corners[track.left + 1]], axis=2)
+    corners = footprints(vehicle, path.samples)
+    pairs = np.concatenate([corners[path.left], corners[path.left + 1]], axis=2)
     # of the points, whatever holds them: lines are made four times as quickly as sets of points
     hulls = np.asarray(shapely.convex_hull(shapely.linestrings(pairs.reshape(-1, 8, 2))))
-    spread = inflation(vehicle, track, defects)
+    spread = inflation(vehicle, path, defects)
     distance, polygon = _signed_distances(hulls, scene.polygons)
     room = _distances_inside(hulls, scene.boundary)
     shape = spread.shape
@@ -122,9 +122,9 @@ def _box(x: Array, y: Array, heading: Array, front: float, rear: float, width: f
     return np.stack([tail - left, nose - left, nose + left, tail + left], axis=1)
 
 
-def inflation(vehicle: VehicleData, track: Track, defects: Array) -> Array:
+def inflation(vehicle: VehicleData, path: PathData, defects: Array) -> Array:
     """What to inflate the hulls of both bodies by [m], as derived above. Shape (M, 2)."""
-    ds, before, after = track.ds, track.before, track.after
+    ds, before, after = path.ds, path.before, path.after
     wheelbase, l_t, offset = vehicle.wheelbase, vehicle.hitch_to_axle, abs(vehicle.hitch_offset)
     steer = np.maximum(np.abs(before[5]), np.abs(after[5]))
     k = np.where(steer < np.pi / 2, np.tan(steer) / wheelbase, np.inf)
@@ -147,10 +147,10 @@ def inflation(vehicle: VehicleData, track: Track, defects: Array) -> Array:
     return np.stack([truck, trailer + shift + offset * heading + far[1] * hitch], axis=1)
 
 
-def excess(vehicle: VehicleData, track: Track) -> Array:
+def excess(vehicle: VehicleData, path: PathData) -> Array:
     """What the hulls of both bodies reach beyond linear interpolation of the motion by, at most [m]. Shape (M, 2)."""
-    truck = np.abs(track.after[3] - track.before[3])
-    trailer = np.abs(track.after[3] + track.after[4] - track.before[3] - track.before[4])
+    truck = np.abs(path.after[3] - path.before[3])
+    trailer = np.abs(path.after[3] + path.after[4] - path.before[3] - path.before[4])
     diagonals = (
         math.hypot(vehicle.truck_front + vehicle.truck_rear, vehicle.truck_width),
         math.hypot(vehicle.trailer_front + vehicle.trailer_rear, vehicle.trailer_width),

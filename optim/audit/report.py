@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from optim.audit.data import Array, Place
 from optim.audit.motion import BODIES
@@ -18,14 +17,33 @@ class Check:
     """For people: what was found, and its limit."""
     values: Mapping[str, float]
     limits: Mapping[str, float]
-    """Of those values that decide."""
-    place: Mapping[str, float | int | str] | None = None
-    """Where it is worst: `segment` (index), `s` (arc length in it [m]), `body`, `polygon` (index)."""
+    """Limits of the values that decide."""
+    place: Place | None = None
+    """Where it is worst."""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data; what is not finite becomes None."""
-        parts = {"values": self.values, "limits": self.limits, "place": self.place}
-        return {"passed": self.passed, "sentence": self.sentence, **{k: _plain(v) for k, v in parts.items()}}
+    def __repr__(self) -> str:
+        return f"Check({'passed' if self.passed else 'failed'}: {self.sentence})"
+
+    @property
+    def deciding(self) -> str | None:
+        """Name of the value nearest to its limit, or farthest beyond; where a body is at the place, of that body's.
+
+        None for a check without a limit.
+        """
+        body = "" if self.place is None or self.place.body is None else self.place.body
+        names = [
+            name for name in self.limits if name.startswith(body) and not math.isnan(self.values.get(name, math.nan))
+        ]
+        return max(names, key=self._used, default=None)
+
+    @property
+    def value(self) -> float:
+        """The deciding value, in the unit that its name ends in; NaN for a check without a limit."""
+        return math.nan if self.deciding is None else self.values[self.deciding]
+
+    def _used(self, name: str) -> float:
+        limit = self.limits[name]
+        return self.values[name] / limit if limit else self.values[name]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +54,12 @@ class AuditReport:
     """All checks that could be made, by name."""
     complete: bool
     """False when damage left some checks without sense; the report has not passed then."""
+
+    def __repr__(self) -> str:
+        checks = f"{len(self.checks)} checks"
+        if self.passed:
+            return f"AuditReport(passed, {checks})"
+        return f"AuditReport(failed: {', '.join(self.failed) or 'incomplete'}, of {checks})"
 
     @property
     def passed(self) -> bool:
@@ -52,10 +76,15 @@ class AuditReport:
         """What is wrong, one line for each check that did not pass."""
         return tuple(f"{name}: {self.checks[name].sentence}" for name in self.failed)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, as the results file stores it."""
-        checks = {name: check.to_dict() for name, check in self.checks.items()}
-        return {"passed": self.passed, "complete": self.complete, "checks": checks}
+    def __getattr__(self, name: str) -> Check:
+        """The check of that name, as in `report.clearance.value`; AttributeError where it was not made."""
+        checks: Mapping[str, Check] = self.__dict__.get("checks", {})
+        if name not in checks:
+            raise AttributeError(f"no check {name!r} was made; there are {', '.join(checks)}")
+        return checks[name]
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.checks]
 
 
 def at_most(what: str, quantities: Mapping[str, tuple[float, float, str]], place: Place | None = None) -> Check:
@@ -81,9 +110,3 @@ def at_least(what: str, values: Array, limit: float, place: Place) -> Check:
         limits={f"{body}_m": limit for body in BODIES},
         place=place,
     )
-
-
-def _plain(part: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    if part is None:
-        return None
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in part.items()}

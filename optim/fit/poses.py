@@ -19,11 +19,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from optim.fit.system import Bounds, FitOptions, Layout, Task, gaps_of, gauss_newton, goal_hitch_sigma, step_lengths
+from optim.fit.system import (
+    Bounds,
+    FitOptions,
+    FitProblem,
+    Layout,
+    gaps_of,
+    gauss_newton,
+    goal_hitch_sigma,
+    step_lengths,
+)
 from optim.model.kinematics import roll_out
 from optim.model.path import Path, resample, segment_from_states
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, IntArray, frozen
+from optim.numerics.arrays import Array, Float64, IntArray, frozen
 
 _STEER_GUESS = 1.2  # [rad]: larger angles are no steering; keeps tan(phi) away from its pole
 _ROOM = 0.9  # steps are laid out this much shorter than the spacing, since the fit may lengthen them
@@ -40,13 +49,13 @@ class Fit:
     """A drivable path and how far it is from the log."""
 
     path: Path
-    pose_s: Array
+    pose_s: Float64[Array, " n"]
     """Arc length of the path at each logged pose [m]. Shape (n,)."""
-    position_error: Array
+    position_error: Float64[Array, " n"]
     """Distance from each logged position [m]. Shape (n,)."""
-    heading_error: Array
+    heading_error: Float64[Array, " n"]
     """Difference from each logged heading [rad]. Shape (n,)."""
-    hitch_error: Array = field(default_factory=lambda: frozen([]))
+    hitch_error: Float64[Array, " _"] = field(default_factory=lambda: frozen([]))
     """Difference from each logged hitch angle [rad]. Shape (n,), or (0,) where the log has none."""
     converged: bool
     """False when the steps ran out: the path then breaks the kinematics by `defect`."""
@@ -54,10 +63,10 @@ class Fit:
     """Largest break of the kinematics over one step [m or rad]."""
     goal_hitch_sigma: float
     """Standard deviation of the last hitch angle, from the expected errors of the poses [rad]."""
-    knots: Array
+    knots: Float64[Array, "K 5"]
     """x, y, theta, alpha, phi where the fit has them; for a second fit. Shape (K, 5)."""
-    lengths: Array
-    """Of the path between neighbouring poses [m]. Shape (n - 1,)."""
+    lengths: Float64[Array, " _"]
+    """Length of the path between neighbouring poses [m]. Shape (n - 1,)."""
 
 
 def fit_path(
@@ -95,15 +104,15 @@ def fit_path(
     trust = 1.0 / np.maximum(least, np.zeros((len(poses), 2)) if sigma is None else sigma)
     lengths = _arc_lengths(poses)
     layout = _layout(lengths, direction, options.spacing)
-    task = Task(vehicle, poses, trust, alpha, initial_hitch, layout, options, bounds, goal_hitch)
+    problem = FitProblem(vehicle, poses, trust, alpha, initial_hitch, layout, options, bounds, goal_hitch)
     if start is None:
         knots = _first_guess(vehicle, poses, lengths, layout, alpha, initial_hitch)
     else:
         # hitch angles that have run away lead nowhere; the gaps that this opens are closed again
         knots, lengths = start.knots.copy(), start.lengths
         knots[:, 3] = np.clip(knots[:, 3], -vehicle.max_hitch, vehicle.max_hitch)
-    knots, lengths = _descend(task, knots, lengths)
-    defect = float(np.abs(gaps_of(task, knots, lengths)[0]).max())
+    knots, lengths = _descend(problem, knots, lengths)
+    defect = float(np.abs(gaps_of(problem, knots, lengths)[0]).max())
     path, pose_s = _to_path(layout, knots, lengths)
     at_pose = knots[layout.pose_knot[:, 0]]
     return Fit(
@@ -114,17 +123,17 @@ def fit_path(
         hitch_error=frozen([] if alpha is None else np.abs(at_pose[:, 3] - alpha)),
         converged=defect <= _CLOSED,
         defect=defect,
-        goal_hitch_sigma=goal_hitch_sigma(task, knots, lengths),
+        goal_hitch_sigma=goal_hitch_sigma(problem, knots, lengths),
         knots=frozen(knots),
         lengths=frozen(lengths),
     )
 
 
-def _descend(task: Task, knots: Array, lengths: Array) -> tuple[Array, Array]:
+def _descend(problem: FitProblem, knots: Array, lengths: Array) -> tuple[Array, Array]:
     """Gauss-Newton steps from these knots (K, 5) and lengths (n - 1,) on."""
-    size, options, longest = knots.size, task.options, _LONGEST * _arc_lengths(task.poses)
-    for _ in range(options.max_iterations if task.bounds is None else options.max_bounded):
-        step = gauss_newton(task, knots, lengths)
+    size, options, longest = knots.size, problem.options, _LONGEST * _arc_lengths(problem.poses)
+    for _ in range(options.max_iterations if problem.bounds is None else options.max_bounded):
+        step = gauss_newton(problem, knots, lengths)
         change = step[:size].reshape(-1, 5)
         scale = min(1.0, _LARGEST_STEP / max(np.abs(change[:, 4]).max(), 1e-12))
         knots = knots + scale * change

@@ -11,7 +11,7 @@ from optim.model.clearance import separations
 from optim.model.kinematics import rk4_step_jacobian
 from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, IntArray
+from optim.numerics.arrays import Array, Float64, Int64, IntArray
 
 _SIGMA_BOUND = 1e-4  # by which a limit may be broken, in proportion to what speaks against it [rad or rad/m]
 _SIGMA_CLEAR = 1e-3  # the same of the clearance [m]
@@ -43,12 +43,12 @@ class FitOptions:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Bounds:
-    """What a fit is to keep besides the kinematics."""
+    """Constraints of a fit besides the kinematics."""
 
     limits: bool = True
-    """Those of the vehicle: steering, its rate, hitch angle."""
+    """Whether to keep the vehicle's limits: steering, its rate, hitch angle."""
     scene: Scene | None = None
-    """Obstacles to keep clear of; None: of none."""
+    """Obstacles to keep clear of, if any."""
     clearance: float = 0.02
     """Distance to keep from them at samples [m]; between samples it is some millimetres less."""
 
@@ -56,70 +56,81 @@ class Bounds:
 class Layout(NamedTuple):
     """Where the unknowns are: K knots with (x, y, theta, alpha, phi), then a length per logged interval."""
 
-    pose_knot: IntArray  # (n, 2) knot of each logged pose: as end of what is before it, as start of what follows
-    left: IntArray  # (M,) first knot of each step
-    interval: IntArray  # (M,) logged interval of each step
-    pieces: IntArray  # (n - 1,) steps of each logged interval
-    direction: IntArray  # (M,) gear of each step
+    pose_knot: Int64[IntArray, "n 2"]
+    """Knot of each logged pose: as end of what is before it, as start of what follows. Shape (n, 2)."""
+    left: Int64[IntArray, " M"]
+    """First knot of each step. Shape (M,)."""
+    interval: Int64[IntArray, " M"]
+    """Logged interval of each step. Shape (M,)."""
+    pieces: Int64[IntArray, " n-1"]
+    """Number of steps of each logged interval. Shape (n - 1,)."""
+    direction: Int64[IntArray, " M"]
+    """Gear of each step. Shape (M,)."""
     num_knots: int
+    """Number of knots, K."""
 
 
-class Task(NamedTuple):
-    """What is fitted; see `optim.fit.poses.fit_path`."""
+class FitProblem(NamedTuple):
+    """Fit a path to poses; see `optim.fit.poses.fit_path`."""
 
     vehicle: Vehicle
-    poses: Array  # (n, 3)
-    trust: Array  # (n, 2) 1 / expected error of position [1/m] and heading [1/rad]; 0 where there is none
-    alpha: Array | None  # (n,) [rad]
-    initial_hitch: float  # [rad]
+    poses: Float64[Array, "n 3"]
+    """x [m], y [m], heading [rad]. Shape (n, 3)."""
+    trust: Float64[Array, "n 2"]
+    """1 / expected error of position [1/m] and heading [1/rad]; 0 where nothing is known. Shape (n, 2)."""
+    alpha: Float64[Array, " n"] | None
+    """Logged hitch angles [rad]. Shape (n,)."""
+    initial_hitch: float
+    """First hitch angle where none are logged [rad]."""
     layout: Layout
     options: FitOptions
     bounds: Bounds | None = None
-    goal_hitch: float | None = None  # [rad]
+    goal_hitch: float | None = None
+    """Last hitch angle that is asked for [rad]."""
 
 
-def gaps_of(task: Task, knots: Array, lengths: Array) -> tuple[Array, Array]:
+def gaps_of(problem: FitProblem, knots: Array, lengths: Array) -> tuple[Array, Array]:
     """Breaks of the kinematics over each step (M, 4), and the step's derivatives (M, 4, 7)."""
-    layout = task.layout
+    layout = problem.layout
     start, end = knots[layout.left], knots[layout.left + 1]
     ds = step_lengths(layout, lengths)
-    reached, jacobian = rk4_step_jacobian(task.vehicle, start[:, :4], start[:, 4], end[:, 4], ds, layout.direction)
+    reached, jacobian = rk4_step_jacobian(problem.vehicle, start[:, :4], start[:, 4], end[:, 4], ds, layout.direction)
     return end[:, :4] - reached, jacobian
 
 
-def gauss_newton(task: Task, knots: Array, lengths: Array) -> Array:
+def gauss_newton(problem: FitProblem, knots: Array, lengths: Array) -> Array:
     """The step of all unknowns: knots (5 K), then lengths (n - 1)."""
     width = knots.size + len(lengths)
-    rows = _residuals(task, knots, lengths)
-    if task.bounds is not None:
-        _add_bounds(rows, task, task.bounds, knots, lengths)
+    rows = _residuals(problem, knots, lengths)
+    if problem.bounds is not None:
+        _add_bounds(rows, problem, problem.bounds, knots, lengths)
     free, right = rows.matrix(width)
-    hard, gap = _constraints(task, knots, *gaps_of(task, knots, lengths)).matrix(width)
+    hard, gap = _constraints(problem, knots, *gaps_of(problem, knots, lengths)).matrix(width)
     return _factors(free, hard).solve(np.concatenate([free.T @ right, gap]))[:width]
 
 
-def goal_hitch_sigma(task: Task, knots: Array, lengths: Array) -> float:
+def goal_hitch_sigma(problem: FitProblem, knots: Array, lengths: Array) -> float:
     """Standard deviation of the last hitch angle [rad], from the expected errors of all poses, the ends among them.
 
     Bounds, and a last hitch angle that is asked for, do not count.
     """
     width = knots.size + len(lengths)
-    free, _ = _residuals(task._replace(goal_hitch=None), knots, lengths).matrix(width)
-    hard, gap = _constraints(task, knots, *gaps_of(task, knots, lengths), has_ends=False).matrix(width)
+    free, _ = _residuals(problem._replace(goal_hitch=None), knots, lengths).matrix(width)
+    hard, gap = _constraints(problem, knots, *gaps_of(problem, knots, lengths), has_ends=False).matrix(width)
     unit = np.zeros(width + len(gap))
     unit[knots.size - 2] = 1.0
     return float(np.sqrt(max(0.0, _factors(free, hard).solve(unit)[knots.size - 2])))
 
 
 def _factors(free: Any, hard: Any) -> Any:
-    """Of the optimality system of: |free step - right|^2 least, hard step = gap."""
+    """Factors of the optimality system of: |free step - right|^2 least, hard step = gap."""
     # the small diagonal blocks keep the factorisation sound where a direction carries no information
     normal = (free.T @ free + 1e-9 * sparse.identity(free.shape[1])).tocsc()
     return splu(sparse.bmat([[normal, hard.T], [hard, -1e-12 * sparse.identity(hard.shape[0])]], format="csc"))
 
 
 def step_lengths(layout: Layout, lengths: Array) -> Array:
-    """Of each step [m], from those between neighbouring poses (n - 1,). Shape (M,)."""
+    """Length of each step [m], from those between neighbouring poses (n - 1,). Shape (M,)."""
     return lengths[layout.interval] / layout.pieces[layout.interval]
 
 
@@ -149,24 +160,24 @@ class _Triplets:
         return sparse.csc_matrix((data, where), shape=(self.count, width)), np.concatenate(self.right)
 
 
-def _residuals(task: Task, knots: Array, lengths: Array) -> _Triplets:
+def _residuals(problem: FitProblem, knots: Array, lengths: Array) -> _Triplets:
     """What is to become small: distance from the log, bend of the steering."""
-    rows, layout, poses = _Triplets(), task.layout, task.poses
+    rows, layout, poses = _Triplets(), problem.layout, problem.poses
     at = layout.pose_knot[:, 0]
-    logged = poses if task.alpha is None else np.column_stack([poses, task.alpha])
+    logged = poses if problem.alpha is None else np.column_stack([poses, problem.alpha])
     for column in range(logged.shape[1]):
-        weight = task.trust[:, 0] if column < 2 else task.trust[:, 1]
+        weight = problem.trust[:, 0] if column < 2 else problem.trust[:, 1]
         if column == 3:  # known less well, but known, where headings are taken from the motion
             weight = np.where(weight > 0.0, weight, 1.0 / _SIGMA_HITCH)
         misfit = weight * (logged[:, column] - knots[at, column])
         rows.add((5 * at + column)[:, None], weight[:, None], misfit)
-    if task.goal_hitch is not None:
-        off = np.array([(task.goal_hitch - knots[-1, 3]) / _SIGMA_GOAL])
+    if problem.goal_hitch is not None:
+        off = np.array([(problem.goal_hitch - knots[-1, 3]) / _SIGMA_GOAL])
         rows.add(np.array([[knots.size - 2]]), np.array([[1.0 / _SIGMA_GOAL]]), off)
     ds = step_lengths(layout, lengths)
     inner = np.flatnonzero(np.diff(layout.left) == 1)  # pairs of steps within one segment
     h0, h1 = ds[inner], ds[inner + 1]
-    weight = 1.0 / (task.options.sigma_bend * np.sqrt((h0 + h1) / 2.0))
+    weight = 1.0 / (problem.options.sigma_bend * np.sqrt((h0 + h1) / 2.0))
     values = weight[:, None] * np.stack([1.0 / h0, -1.0 / h0 - 1.0 / h1, 1.0 / h1], axis=1)
     first = layout.left[inner]
     cols = 5 * (first[:, None] + np.arange(3)) + 4
@@ -174,9 +185,11 @@ def _residuals(task: Task, knots: Array, lengths: Array) -> _Triplets:
     return rows
 
 
-def _constraints(task: Task, knots: Array, gaps: Array, jacobian: Array, *, has_ends: bool = True) -> _Triplets:
+def _constraints(
+    problem: FitProblem, knots: Array, gaps: Array, jacobian: Array, *, has_ends: bool = True
+) -> _Triplets:
     """What must hold: the kinematics, the ends, the shared poses at cusps."""
-    rows, layout, poses = _Triplets(), task.layout, task.poses
+    rows, layout, poses = _Triplets(), problem.layout, problem.poses
     left, size = layout.left, knots.size
     share = 1.0 / layout.pieces[layout.interval]
     inputs = np.column_stack([5 * left[:, None] + np.arange(5), 5 * left + 9, size + layout.interval])
@@ -186,31 +199,31 @@ def _constraints(task: Task, knots: Array, gaps: Array, jacobian: Array, *, has_
         cols = np.column_stack([5 * (left + 1) + column, inputs])
         rows.add(cols, np.column_stack([np.ones(len(left)), -derivative]), -gaps[:, column])
     for pose, knot in ((0, 0), (-1, layout.num_knots - 1)) if has_ends else ():
-        fixed = np.arange(3 if task.trust[pose, 1] > 0.0 else 2)
+        fixed = np.arange(3 if problem.trust[pose, 1] > 0.0 else 2)
         rows.add(5 * knot + fixed[:, None], np.ones((len(fixed), 1)), poses[pose, fixed] - knots[knot, fixed])
-    if task.alpha is None:
-        rows.add(np.array([[3]]), np.ones((1, 1)), np.array([task.initial_hitch - knots[0, 3]]))
+    if problem.alpha is None:
+        rows.add(np.array([[3]]), np.ones((1, 1)), np.array([problem.initial_hitch - knots[0, 3]]))
     for before, after in layout.pose_knot[layout.pose_knot[:, 0] != layout.pose_knot[:, 1]]:
         cols = np.stack([5 * after + np.arange(4), 5 * before + np.arange(4)], axis=1)
         rows.add(cols, np.array([[1.0, -1.0]]), knots[before, :4] - knots[after, :4])
     return rows
 
 
-def _add_bounds(rows: _Triplets, task: Task, bounds: Bounds, knots: Array, lengths: Array) -> None:
+def _add_bounds(rows: _Triplets, problem: FitProblem, bounds: Bounds, knots: Array, lengths: Array) -> None:
     """Rows that lead back to a bound, for each one that is broken now."""
     if bounds.limits:
-        vehicle, left = task.vehicle, task.layout.left
+        vehicle, left = problem.vehicle, problem.layout.left
         for column, limit in ((4, vehicle.max_steer), (3, vehicle.max_hitch)):
             excess = _excess(knots[:, column], limit)
             at = np.flatnonzero(excess)
             rows.add((5 * at + column)[:, None], np.full((len(at), 1), 1.0 / _SIGMA_BOUND), -excess[at] / _SIGMA_BOUND)
-        ds = step_lengths(task.layout, lengths)
+        ds = step_lengths(problem.layout, lengths)
         excess = _excess((knots[left + 1, 4] - knots[left, 4]) / ds, vehicle.max_steer_rate)
         at = np.flatnonzero(excess)
         cols = 5 * (left[at][:, None] + np.array([1, 0])) + 4
         rows.add(cols, np.array([1.0, -1.0]) / (ds[at] * _SIGMA_BOUND)[:, None], -excess[at] / _SIGMA_BOUND)
     if bounds.scene is not None:
-        near = separations(bounds.scene, task.vehicle, knots[:, :4], bounds.clearance, _MOST_NEAR)
+        near = separations(bounds.scene, problem.vehicle, knots[:, :4], bounds.clearance, _MOST_NEAR)
         broken = near.distance < bounds.clearance
         cols = 5 * near.knot[broken][:, None] + np.arange(4)
         missing = bounds.clearance - near.distance[broken]

@@ -14,7 +14,7 @@ import numpy as np
 
 from optim.geometry.collision import point_kernel
 from optim.geometry.polygons import PackedScene, pack
-from optim.numerics.arrays import Array, frozen
+from optim.numerics.arrays import Array, Float64, frozen
 from optim.numerics.kernel import kernel
 
 _SNAP = 1e-6  # [m]: joins boxes that miss each other by rounding, as those of a turned grid do
@@ -24,7 +24,7 @@ _SNAP = 1e-6  # [m]: joins boxes that miss each other by rounding, as those of a
 class DistanceField:
     """Distances at the nodes of a grid; beyond its edge the value of the nearest point on the edge holds."""
 
-    values: Array
+    values: Float64[Array, "rows columns"]
     """Signed distance at the nodes [m], inf everywhere without obstacles. Shape (rows, columns)."""
     origin: tuple[float, float]
     """The node values[0, 0] [m]."""
@@ -41,7 +41,11 @@ class DistanceField:
 def sample_field(
     packed: PackedScene, polygons: Sequence[Array], resolution: float, bounds: tuple[float, float, float, float]
 ) -> DistanceField:
-    """The distance field of obstacles over bounds = (x_min, y_min, x_max, y_max) [m]; see `optim.model.scene`."""
+    """The distance field of obstacles over bounds = (x_min, y_min, x_max, y_max) [m].
+
+    The last row and column of nodes, `resolution` [m] apart, may lie beyond the bounds. Raises ValueError for a
+    resolution or bounds that make no grid.
+    """
     x_min, y_min, x_max, y_max = (float(bound) for bound in bounds)
     if not (resolution > 0.0 and x_max > x_min and y_max > y_min and np.isfinite(bounds).all()):
         raise ValueError(

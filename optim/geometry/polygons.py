@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
+from optim.numerics.arrays import Array, Float64, Int64, IntArray, frozen, frozen_int
 
 MERGE_TOLERANCE = 1e-9
 """Vertices closer than this to their neighbour, or to the line through both neighbours, are dropped [m]."""
@@ -25,20 +25,20 @@ class PackedScene(NamedTuple):
     visits 2 M - 1 nodes. Coordinates are relative to `origin`, so that large map coordinates cost no digits.
     """
 
-    origin: Array
-    """Shape (2,) [m]."""
-    first: IntArray
+    origin: Float64[Array, " 2"]
+    """Point of the map that coordinates are relative to [m]. Shape (2,)."""
+    first: Int64[IntArray, " _"]
     """Polygon k owns the vertices first[k] to first[k + 1] - 1. Shape (M + 1,)."""
-    vertices: Array
-    """Shape (V, 2) [m]."""
-    normals: Array
+    vertices: Float64[Array, "V 2"]
+    """Vertices of all polygons in a row [m]. Shape (V, 2)."""
+    normals: Float64[Array, "V 2"]
     """Outward unit normal of the edge that starts at each vertex. Shape (V, 2)."""
-    boxes: Array
-    """Smallest x, smallest y, largest x, largest y of each tree node [m]. Shape (2 M - 1, 4)."""
-    skip: IntArray
-    """Shape (2 M - 1,)."""
-    item: IntArray
-    """The polygon in a leaf, -1 for inner nodes. Shape (2 M - 1,)."""
+    boxes: Float64[Array, "T 4"]
+    """Smallest x, smallest y, largest x, largest y of each tree node [m]. Shape (T, 4), T = 2 M - 1."""
+    skip: Int64[IntArray, " T"]
+    """The node to go on with when that of a node is out of reach. Shape (T,)."""
+    item: Int64[IntArray, " T"]
+    """The polygon in a leaf, -1 for inner nodes. Shape (T,)."""
 
 
 def clean_ring(vertices: ArrayLike) -> Array:

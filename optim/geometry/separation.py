@@ -18,9 +18,37 @@ import math
 import numpy as np
 
 from optim.geometry.collision import box_distance, rectangle, separating_gap, signed_distance
+from optim.geometry.polygons import PackedScene
+from optim.numerics.arrays import Array, frozen
 from optim.numerics.kernel import kernel
 
+_COLUMNS = 8  # knot, body, polygon, distance, and the gradient's four
+_ROOM = 256  # rows to begin with; where there are more, the table is filled again with room for all
 _SHORTEST = 1e-3  # sides that overlap by less, as a share of the body's length, meet in a point
+
+
+def separation_table(
+    scene: PackedScene, footprints: Array, offset: float, states: Array, reach: float, most: int
+) -> Array:
+    """Distances of both bodies from every polygon nearer than `reach` [m], ordered by state and body.
+
+    Args:
+        scene: the obstacles.
+        footprints: those of the vehicle. Shape (2, 3) [m].
+        offset: distance of the hitch behind the rear axle [m].
+        states: Shape (N, 4).
+        reach: distance beyond which a polygon has no row [m].
+        most: maximum number of polygons for each body in each state; the nearest is always among them.
+
+    Returns rows of knot, body, polygon, signed distance [m] and its derivative by (x, y, theta, alpha). Shape (R, 8).
+    """
+    states, room = frozen(states), _ROOM
+    while True:
+        table = np.empty((room, _COLUMNS))
+        count = separation_kernel(scene, footprints, offset, states, float(reach), int(most), table)
+        if count <= room:
+            return table[:count]
+        room = 2 * count
 
 
 @kernel

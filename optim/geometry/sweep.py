@@ -1,8 +1,8 @@
 """Compiled kernels: clearance between the samples of a motion, by bounds that are proven below.
 
-The motion is the one of `optim.model.vehicle` through the samples (a segment of a path): phi is continuous, |dphi/ds|
-is bounded on each interval (see `curvature_bounds`), s is the truck's arc length. A body's point z moves along p(s;
-z).
+The motion is that of truck and trailer through the samples (a segment of a path): phi is continuous, |dphi/ds| is
+bounded on each interval (see `curvature_bounds`), s is the truck's arc length. A body's point z moves along p(s; z).
+The tuple `limits` is (l, l_t, M, max_steer, max_steer_rate).
 
 **Motion bounds.** With k >= |dtheta/ds| and k' >= |d2theta/ds2| on the interval, l_t the hitch's distance to the
 trailer's axle, M that of the hitch behind the truck's axle, h the hitch, and R the farthest corner of a body from

@@ -34,9 +34,10 @@ from optim.knots.transcription import (
     within_rate,
 )
 from optim.model.iterates import IterateStream
+from optim.model.limits import within_limits
 from optim.model.objective import objective
 from optim.model.path import Path
-from optim.model.problem import Problem, path_clearance, within_limits
+from optim.model.problem import Problem, path_clearance
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array

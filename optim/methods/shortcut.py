@@ -5,8 +5,7 @@ intervals). The connection may span a cusp and thereby remove it, or may be driv
 costs less. Where a connection continues in the gear of what is beside it, the steering angle is continuous;
 where it changes the gear, the steering is free, since the vehicle stands still.
 
-Differences from the source: a candidate must keep the clearance between samples too (`Problem.required_clearance`);
-J may be the cost instead of the trailer's length.
+Unlike the source, candidates keep the clearance between samples too, and J may be the cost, not the trailer's length.
 """
 
 import math
@@ -346,6 +345,6 @@ def _spliced(current: _CurrentPath, start: _IntervalEnd, end: _IntervalEnd, piec
 
 
 def _part(segment: Segment, first: int, last: int, turn: float = 0.0) -> Segment:
-    block = slice(first, last + 1)
-    states = segment.states[block] + np.array([0.0, 0.0, turn, 0.0])
-    return segment_from_states(segment.direction, segment.s[block], states, segment.phi[block])
+    part = slice(first, last + 1)
+    states = segment.states[part] + np.array([0.0, 0.0, turn, 0.0])
+    return segment_from_states(segment.direction, segment.s[part], states, segment.phi[part])

@@ -11,49 +11,11 @@ from numpy.typing import NDArray
 
 from optim.geometry.collision import collides_kernel, witness_kernel
 from optim.geometry.field import DistanceField, sample_field
-from optim.geometry.separation import separation_kernel
+from optim.geometry.separation import separation_table
 from optim.geometry.sweep import first_violation_kernel, swept_kernel
 from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
-
-_COLUMNS = 8  # knot, body, polygon, distance, and the gradient's four
-
-
-_ROOM = 256  # rows to begin with; where there are more, the table is made anew
-
-
-class Separations(NamedTuple):
-    """R linearised distances, ordered by state and body."""
-
-    knot: IntArray
-    """Index of the state. Shape (R,)."""
-    body: IntArray
-    """0 the truck, 1 the trailer. Shape (R,)."""
-    polygon: IntArray
-    """Index in Scene.polygons; a pair has one or two rows, the nearer first. Shape (R,)."""
-    distance: Array
-    """Signed distance [m]; of a second row, the height there. Shape (R,)."""
-    gradient: Array
-    """Derivative by (x, y, theta, alpha). Shape (R, 4)."""
-
-
-def separations(scene: Scene, vehicle: Vehicle, states: Array, reach: float, most: int = 6) -> Separations:
-    """The distances of truck and trailer from all polygons nearer than `reach` [m], for states (N, 4).
-
-    At most the `most` nearest polygons of each body in each state; the nearest is always among them.
-    """
-    states = frozen(states)
-    room, place = _ROOM, (scene.packed, vehicle.footprints, vehicle.hitch_offset)
-    while True:
-        table = np.empty((room, _COLUMNS))
-        count = separation_kernel(*place, states, float(reach), int(most), table)
-        if count <= room:
-            break
-        room = 2 * count
-    table = table[:count]
-    knot, body, polygon = (frozen_int(table[:, column]) for column in range(3))
-    return Separations(knot, body, polygon, frozen(table[:, 3]), frozen(table[:, 4:]))
+from optim.numerics.arrays import Array, Float64, Int64, IntArray, frozen, frozen_int
 
 
 class Witnesses(NamedTuple):
@@ -62,15 +24,15 @@ class Witnesses(NamedTuple):
     Without obstacles the distance is inf, the polygon -1 and everything else nan.
     """
 
-    distance: Array
+    distance: Float64[Array, "N 2"]
     """Signed distance [m]. Shape (N, 2)."""
-    on_body: Array
+    on_body: Float64[Array, "N 2 2"]
     """Point of the body [m]. Shape (N, 2, 2)."""
-    on_obstacle: Array
+    on_obstacle: Float64[Array, "N 2 2"]
     """Point of the obstacle [m]; on_body - distance * normal. Shape (N, 2, 2)."""
-    normal: Array
+    normal: Float64[Array, "N 2 2"]
     """Unit vector from the obstacle to the body. Shape (N, 2, 2)."""
-    polygon: IntArray
+    polygon: Int64[IntArray, "N 2"]
     """Index in Scene.polygons. Shape (N, 2)."""
 
 
@@ -103,13 +65,14 @@ def swept_clearance(scene: Scene, vehicle: Vehicle, s: Array, states: Array, phi
     """Proven lower bound [m] of the signed distance of truck and trailer on each interval. Shape (N - 1, 2).
 
     Args:
+        scene: the obstacles.
+        vehicle: the vehicle that moves.
         s: truck arc length of the samples [m], not decreasing. Shape (N,).
         states: samples of a motion of the vehicle. Shape (N, 4).
         phi: its steering, linear in between [rad], shape (N,). Without it the vehicle's limits on phi and dphi/ds
             (and 0.1 %) bound what happens between samples; give it for paths that exceed them.
     """
-    s, states, phi = _motion(s, states, phi)
-    return swept_kernel(scene.packed, vehicle.footprints, _limits(vehicle), s, states, phi)
+    return swept_kernel(scene.packed, vehicle.footprints, vehicle.motion_limits, *_motion(s, states, phi))
 
 
 def first_violation(
@@ -119,24 +82,45 @@ def first_violation(
 
     Arguments as for `swept_clearance`. Samples that cannot come near anything are skipped; the answer is the same.
     """
-    s, states, phi = _motion(s, states, phi)
-    found = first_violation_kernel(scene.packed, vehicle.footprints, _limits(vehicle), s, states, phi, float(margin))
-    return int(found)
+    motion, place = _motion(s, states, phi), (scene.packed, vehicle.footprints, vehicle.motion_limits)
+    return int(first_violation_kernel(*place, *motion, float(margin)))
 
 
 def _motion(s: Array, states: Array, phi: Array | None) -> tuple[Array, Array, Array]:
+    """Samples as the kernels of the sweep take them; no steering is an empty array."""
     return frozen(s), frozen(states), frozen(np.empty(0) if phi is None else phi)
 
 
-def _limits(vehicle: Vehicle) -> tuple[float, float, float, float, float]:
-    """What bounds the motion between samples: l, l_t, M, max_steer, max_steer_rate."""
-    return (*vehicle.kinematics, vehicle.max_steer, vehicle.max_steer_rate)
+class Separations(NamedTuple):
+    """R linearised distances, ordered by state and body."""
+
+    knot: Int64[IntArray, " R"]
+    """Index of the state. Shape (R,)."""
+    body: Int64[IntArray, " R"]
+    """0 the truck, 1 the trailer. Shape (R,)."""
+    polygon: Int64[IntArray, " R"]
+    """Index in Scene.polygons; a pair has one or two rows, the nearer first. Shape (R,)."""
+    distance: Float64[Array, " R"]
+    """Signed distance [m]; of a second row, the height there. Shape (R,)."""
+    gradient: Float64[Array, "R 4"]
+    """Derivative by (x, y, theta, alpha). Shape (R, 4)."""
+
+
+def separations(scene: Scene, vehicle: Vehicle, states: Array, reach: float, most: int = 6) -> Separations:
+    """The distances of truck and trailer from all polygons nearer than `reach` [m], for states (N, 4).
+
+    At most the `most` nearest polygons of each body in each state; the nearest is always among them.
+    """
+    table = separation_table(scene.packed, vehicle.footprints, vehicle.hitch_offset, states, reach, most)
+    knot, body, polygon = frozen_int(table[:, :3].T)
+    return Separations(knot, body, polygon, frozen(table[:, 3]), frozen(table[:, 4:]))
 
 
 def distance_field(scene: Scene, resolution: float, bounds: tuple[float, float, float, float]) -> DistanceField:
     """Signed distance [m] of points to the union of the obstacles, negative inside, interpolated on a grid.
 
     Args:
+        scene: the obstacles.
         resolution: distance between nodes [m].
         bounds: (x_min, y_min, x_max, y_max) of the nodes [m]; the last row and column may lie beyond.
     """

@@ -12,14 +12,15 @@ from optim.numerics.arrays import Array
 
 
 def not_flat(vehicle: Vehicle) -> str:
-    """Why there are no flat map and no local planner for a vehicle, in a sentence for users; empty if there are."""
+    """Why a method that needs the flat map cannot work with a vehicle, as a sentence for users; empty if it can."""
     if vehicle.hitch_offset == 0.0:
         return ""
     needed = "this method needs the hitch over the rear axle (hitch_offset 0)"
     return f"hitch_offset is {vehicle.hitch_offset:g} m; {needed}."
 
 
-def _require_flat(vehicle: Vehicle) -> None:
+def require_flat(vehicle: Vehicle) -> None:
+    """Raise ValueError for a hitch that is not over the rear axle."""
     if vehicle.hitch_offset != 0.0:
         raise ValueError(
             f"vehicle: hitch_offset is {vehicle.hitch_offset:g} m; the flat map, and with it the local planner, "
@@ -29,7 +30,7 @@ def _require_flat(vehicle: Vehicle) -> None:
 
 def flat_from_state(vehicle: Vehicle, states: Array, phi: Array) -> Array:
     """Trailer axle (x_f, y_f, theta_f, kappa, sigma) of states (..., 4) and steering (...). Shape (..., 5)."""
-    _require_flat(vehicle)
+    require_flat(vehicle)
     l, l_t, _ = vehicle.kinematics
     x, y, theta, alpha = np.moveaxis(np.asarray(states, float), -1, 0)
     heading = theta + alpha
@@ -41,7 +42,7 @@ def flat_from_state(vehicle: Vehicle, states: Array, phi: Array) -> Array:
 
 def state_from_flat(vehicle: Vehicle, flat: Array) -> tuple[Array, Array]:
     """States (..., 4) and steering (...) of the flat states (..., 5); the inverse of `flat_from_state`."""
-    _require_flat(vehicle)
+    require_flat(vehicle)
     l, l_t, _ = vehicle.kinematics
     x, y, heading, kappa, sigma = np.moveaxis(np.asarray(flat, float), -1, 0)
     u = l_t * kappa

@@ -24,12 +24,12 @@ from optim.numerics.arrays import Array, IntArray, frozen
 from optim.numerics.kernel import kernel
 
 LARGEST_STEP = 0.05
-"""Of the integration in roll-outs, if nothing else is said [m]."""
+"""Largest step of the integration in roll-outs [m]."""
 
 
 @kernel
 def slope(theta, alpha, phi, d, l, l_t, offset):
-    """dq/ds as four numbers: the kinematics as kernels drive them (`derivative` is the same for arrays)."""
+    """dq/ds as four numbers; `derivative` is the same for arrays."""
     turn = math.tan(phi) / l
     fold = math.sin(alpha) / l_t + (1.0 + offset * math.cos(alpha) / l_t) * turn
     return d * math.cos(theta), d * math.sin(theta), d * turn, -d * fold
@@ -136,10 +136,10 @@ def rk4_step_jacobian(
 def roll_out(
     vehicle: Vehicle, state0: Array, s: Array, phi: Array, direction: int, max_step: float = LARGEST_STEP
 ) -> Array:
-    """States at the arc lengths s [m] from state0, phi linear between samples, steps of at most max_step [m].
+    """States at the arc lengths s (N,) [m] from state0 (4,), phi (N,) linear in between. Shape (N, 4).
 
-    Reverse driving amplifies an error in the hitch angle like exp(s / l_t): do not expect a long reverse
-    roll-out of rounded steering angles to end where the original did. Shape (N, 4).
+    The steps of the integration are at most `max_step` [m]. Reverse driving amplifies an error in the hitch angle
+    like exp(s / l_t): a long reverse roll-out of rounded steering angles does not end where the original did.
     """
     return roll_out_kernel(
         frozen(state0), frozen(s), frozen(phi), float(direction), vehicle.kinematics, float(max_step)

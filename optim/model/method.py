@@ -10,9 +10,9 @@ class Method(Protocol):
     """A path optimiser: its options are its fields, `solve` is its only verb.
 
     A method is a frozen keyword-only dataclass; every field has a default and a docstring. `solve` is a pure
-    function of options and problem, calls `on_iterate` for every accepted iterate and for trials turned down
-    (`accepted=False`), and does not raise for numerical reasons: it gives back the best path it has, and says why
-    it stopped.
+    function of options and problem, calls `on_iterate` for every accepted iterate and for rejected trials
+    (`accepted=False`), and does not raise for numerical reasons: it returns the best path it has, and the reason
+    why it stopped.
     """
 
     def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result: ...

@@ -21,15 +21,15 @@ class Weights:
     """Weights of the objective."""
 
     length: float = 1.0
-    """Of the distance driven by the truck [1/m]."""
+    """Weight on the distance driven by the truck [1/m]."""
     steer: float = 0.5
-    """Of the integral of phi^2 over arc length [1/(rad^2 m)]."""
+    """Weight on the integral of phi^2 over arc length [1/(rad^2 m)]."""
     rate: float = 5.0
-    """Of the integral of (dphi/ds)^2 over arc length [m/rad^2]."""
+    """Weight on the integral of (dphi/ds)^2 over arc length [m/rad^2]."""
     cusp: float = 5.0
-    """Of each gear change [-]."""
+    """Weight on each gear change [-]."""
     jump: float = 1.0
-    """Of the squared change of steering at standstill, as at each gear change [1/rad^2]."""
+    """Weight on the squared change of steering at standstill, as at each gear change [1/rad^2]."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -10,13 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from optim.model.kinematics import LARGEST_STEP, roll_out, roll_out_kernel
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
+from optim.numerics.arrays import Array, Float64, Int64, IntArray, frozen, frozen_int
+from optim.numerics.frame import data_frame
 from optim.numerics.kernel import kernel
 
 LENGTH_TOLERANCE = 1e-9
@@ -34,17 +35,17 @@ class Segment:
 
     direction: int
     """+1 forward, -1 reverse."""
-    s: Array
+    s: Float64[Array, " n"]
     """Arc length of the truck's rear axle from the segment's start [m], strictly increasing from 0."""
-    x: Array
+    x: Float64[Array, " n"]
     """Rear axle [m]."""
-    y: Array
+    y: Float64[Array, " n"]
     """Rear axle [m]."""
-    theta: Array
+    theta: Float64[Array, " n"]
     """Truck heading [rad], unwrapped."""
-    alpha: Array
+    alpha: Float64[Array, " n"]
     """Hitch angle, trailer heading minus truck heading [rad]."""
-    phi: Array
+    phi: Float64[Array, " n"]
     """Steering angle [rad]."""
 
     def __post_init__(self) -> None:
@@ -59,6 +60,9 @@ class Segment:
             object.__setattr__(self, name, values)
         if self.s[0] != 0.0 or (np.diff(self.s) <= 0.0).any():
             raise ValueError("segment: s must start at 0 and increase strictly")
+
+    def __repr__(self) -> str:
+        return f"Segment({self.direction * self.length:+.2f} m, {self.num_samples} samples)"
 
     @cached_property
     def states(self) -> Array:
@@ -85,11 +89,16 @@ class Segment:
 class Samples(NamedTuple):
     """All samples of a path in a row; a cusp appears twice, once for each segment. N samples."""
 
-    s: Array  # (N,) arc length from the start of the path [m]
-    states: Array  # (N, 4)
-    phi: Array  # (N,) [rad]
-    direction: IntArray  # (N,)
-    segment: IntArray  # (N,) index of the segment
+    s: Float64[Array, " N"]
+    """Arc length from the start of the path [m]. Shape (N,)."""
+    states: Float64[Array, "N 4"]
+    """Columns x, y, theta, alpha. Shape (N, 4)."""
+    phi: Float64[Array, " N"]
+    """Steering angle [rad]. Shape (N,)."""
+    direction: Int64[IntArray, " N"]
+    """+1 forward, -1 reverse. Shape (N,)."""
+    segment: Int64[IntArray, " N"]
+    """Index of the segment. Shape (N,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,9 +111,23 @@ class Path:
         if not self.segments:
             raise ValueError("path: no segments")
 
+    def __repr__(self) -> str:
+        gears = " ".join(f"{segment.direction * segment.length:+.2f} m" for segment in self.segments)
+        return f"Path({gears}; {sum(segment.num_samples for segment in self.segments)} samples)"
+
+    def to_dataframe(self) -> Any:
+        """All samples as rows, SI units; `s` counts from the start of the path.
+
+        A DataFrame of pandas, else of polars. Raises ImportError where neither is installed.
+        """
+        samples = self.samples
+        columns = dict(zip(("x", "y", "theta", "alpha"), samples.states.T, strict=True))
+        whole = {"segment": samples.segment, "direction": samples.direction, "s": samples.s}
+        return data_frame(whole | columns | {"phi": samples.phi})
+
     @cached_property
     def samples(self) -> Samples:
-        """Those of all segments in a row."""
+        """The samples of all segments in a row."""
         lengths = [segment.length for segment in self.segments]
         starts = np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
         counts = [segment.num_samples for segment in self.segments]
@@ -141,6 +164,41 @@ class Path:
     def goal(self) -> Array:
         """Last state. Shape (4,)."""
         return self.segments[-1].states[-1]
+
+    @property
+    def segment(self) -> IntArray:
+        """Index of the segment of each sample. Shape (N,)."""
+        return self.samples.segment
+
+    @property
+    def s(self) -> Array:
+        """Arc length of each sample from the start of the path [m]; at a gear change twice the same. Shape (N,)."""
+        return self.samples.s
+
+    @property
+    def x(self) -> Array:
+        """Rear axle at each sample [m]. Shape (N,)."""
+        return self.samples.states[:, 0]
+
+    @property
+    def y(self) -> Array:
+        """Rear axle at each sample [m]. Shape (N,)."""
+        return self.samples.states[:, 1]
+
+    @property
+    def theta(self) -> Array:
+        """Truck heading at each sample [rad]. Shape (N,)."""
+        return self.samples.states[:, 2]
+
+    @property
+    def alpha(self) -> Array:
+        """Hitch angle at each sample [rad]. Shape (N,)."""
+        return self.samples.states[:, 3]
+
+    @property
+    def phi(self) -> Array:
+        """Steering angle at each sample [rad]. Shape (N,)."""
+        return self.samples.phi
 
 
 def segment_from_states(direction: int, s: Array, states: Array, phi: Array) -> Segment:

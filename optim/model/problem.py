@@ -1,16 +1,14 @@
-"""What every method is given: vehicle, scene, recorded path, weights, margin."""
+"""The problem that every method solves: vehicle, scene, recorded path, weights, margin."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
-
-import numpy as np
 
 from optim.model.clearance import clearance, swept_clearance
 from optim.model.objective import Weights
 from optim.model.path import Path
 from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -23,7 +21,7 @@ class Problem:
     weights: Weights = field(default_factory=Weights)
     margin: float = 0.1
     """Clearance to keep from every obstacle [m]: swept clearance >= min(margin, the recorded path's own)."""
-    nodes: Array | None = None
+    nodes: Float64[Array, " K"] | None = None
     """Arc lengths of the recorded path [m] at which the planner's tree nodes lie. Shape (K,), or None if unknown."""
     start: Path | None = None
     """Where a method begins if not with the recorded path: an earlier result for this problem.
@@ -31,9 +29,12 @@ class Problem:
     It has the ends of the recorded path (the last heading up to full turns) and keeps the required clearance, which
     stays that of the recorded path."""
 
+    def __repr__(self) -> str:
+        return f"Problem(recorded {self.recorded!r}, {self.scene!r}, margin {self.margin:g} m)"
+
     @property
     def initial(self) -> Path:
-        """The path that a method begins with, and gives back where it finds nothing better."""
+        """The path that a method begins with, and returns where it finds nothing better."""
         return self.recorded if self.start is None else self.start
 
     @cached_property
@@ -51,17 +52,6 @@ class Problem:
             return min(self.margin, self.recorded_clearance)
         ends = [self.recorded.start, self.recorded.goal]
         return max(0.0, min(self.margin, *(float(clearance(self.scene, self.vehicle, q[None]).min()) for q in ends)))
-
-
-def within_limits(vehicle: Vehicle, path: Path, slack: float) -> bool:
-    """Whether steering, hitch angle and steering rate of a path keep their limits; slack: relative, such as 1e-3."""
-    samples, most = path.samples, 1.0 + slack
-    rate = max(float(np.abs(np.diff(part.phi) / np.diff(part.s)).max()) for part in path.segments)
-    return bool(
-        np.abs(samples.phi).max() <= vehicle.max_steer * most
-        and np.abs(samples.states[:, 3]).max() <= vehicle.max_hitch * most
-        and rate <= vehicle.max_steer_rate * most
-    )
 
 
 def path_clearance(vehicle: Vehicle, scene: Scene, path: Path) -> float:

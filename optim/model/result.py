@@ -3,11 +3,11 @@
 import enum
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 
 from optim.model.path import Path
-from optim.numerics.arrays import Array, BoolArray
+from optim.numerics.arrays import Array, Bool, BoolArray, Float64
 
 
 class Stop(enum.Enum):
@@ -25,11 +25,11 @@ class Stop(enum.Enum):
 class Picture:
     """What a method works on besides the path, for drawing."""
 
-    points: Array
+    points: Float64[Array, "N 2"]
     """Points that it moves [m]. Shape (N, 2)."""
-    anchored: BoolArray
+    anchored: Bool[BoolArray, " N"]
     """Which of them it held in place. Shape (N,)."""
-    cost_map: Array
+    cost_map: Float64[Array, "rows columns"]
     """What it costs a point to be at a node of the grid [-]. Shape (rows, columns)."""
     origin: tuple[float, float]
     """The node cost_map[0, 0] [m]."""
@@ -38,11 +38,10 @@ class Picture:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Iterate:
-    """A path on the way to the result, or a trial that was turned down, as the recording plays it back."""
+class IterateRecord:
+    """The scalars of an iterate: what a history keeps of every one."""
 
     iteration: int
-    path: Path
     objective: float
     """J of the iterate [-]."""
     violation: float = 0.0
@@ -52,11 +51,23 @@ class Iterate:
     residuals: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     """What decides convergence, by name, each divided by its tolerance [-]: converged when all are <= 1."""
     accepted: bool = True
-    """False for a trial step that was turned down; the path is the trial's then, and may violate anything."""
+    """False for a rejected trial step; the path is the trial's then, and may violate anything."""
     trust_region: float = math.nan
     """Radius relative to the first one [-]; NaN for methods without a trust region."""
     solver_s: float = math.nan
     """Time inside a foreign solver for this iterate, as that solver says [s]; NaN for methods without one."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Iterate(IterateRecord):
+    """A path on the way to the result, or a rejected trial, as the recording plays it back."""
+
+    path: Path
+
+    @property
+    def record(self) -> IterateRecord:
+        """The iterate without its path."""
+        return IterateRecord(**{field.name: getattr(self, field.name) for field in fields(IterateRecord)})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -68,9 +79,9 @@ class Result:
     reason: str
     """One sentence for the user."""
     iterations: int
-    """In the method's own counting, those that were turned down among them."""
+    """Number of iterations in the method's own counting, rejected ones included."""
     picture: Picture | None = None
-    """Of methods that move points through a map of costs."""
+    """What to draw of a method that moves points through a map of costs."""
 
 
 OnIterate = Callable[[Iterate], None]

@@ -7,7 +7,7 @@ from functools import cached_property
 from numpy.typing import ArrayLike
 
 from optim.geometry.polygons import PackedScene, convex_parts, pack, walls
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64
 
 WALL_THICKNESS = 2.0
 """Depth of the walls round a map's outline [m]."""
@@ -17,12 +17,15 @@ WALL_THICKNESS = 2.0
 class Scene:
     """Obstacles of one map. `make_scene` builds it from any simple polygons."""
 
-    polygons: tuple[Array, ...]
+    polygons: tuple[Float64[Array, "_ 2"], ...]
     """Convex, counter-clockwise, read-only vertices [m], each of shape (n, 2)."""
-    boundary: Array | None = None
+    boundary: Float64[Array, "m 2"] | None = None
     """Outline of the map for drawing [m], shape (m, 2), counter-clockwise; its walls are among the polygons."""
     frame: str = "map"
     """Name of the coordinate frame."""
+
+    def __repr__(self) -> str:
+        return f"Scene({len(self.polygons)} polygons, frame {self.frame!r})"
 
     @cached_property
     def packed(self) -> PackedScene:

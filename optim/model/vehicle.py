@@ -6,21 +6,38 @@ A body's pose is (x, y, heading): of the truck at the centre of its rear axle, o
 import math
 from dataclasses import dataclass, fields
 from functools import cached_property
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
 
 from optim.numerics.arrays import Array, frozen
 
-_UPPER_LIMIT = 100.0  # [m]: no road vehicle's part is longer; catches millimetres
+BEYOND_AXLES: Final = MappingProxyType(
+    {"truck_front": ("wheelbase", "rear axle"), "trailer_rear": ("hitch_to_axle", "hitch")}
+)
+"""Extents that reach an axle, or nearly: the field with the axle's distance, and where both are measured from."""
+_LONGEST = 100.0  # [m]: no road vehicle's part is longer; catches millimetres
 _MOST_STEERING = 36.0  # [rad] over one wheelbase: 1 rad/s of a truck that creeps at 0.1 m/s; catches degrees per metre
 _WHEEL = 0.5  # [m]: a body may end by a wheel's radius before its axle
-BEYOND_AXLES = {"truck_front": ("wheelbase", "rear axle"), "trailer_rear": ("hitch_to_axle", "hitch")}
-"""Extents of the bodies that reach an axle, or nearly: which distance of the axle, and from where both are measured."""
+_EXTENT = (0.0, _LONGEST)  # [m]: range of the fields that _RANGES does not name
+_RANGES: Final = MappingProxyType(
+    {
+        "max_steer": (0.01, 1.5),
+        "max_hitch": (0.01, 1.57),
+        "max_steer_rate": (1e-3, 1e3),
+        "hitch_offset": (-5.0, 5.0),
+        "wheelbase": (0.05, _LONGEST),
+        "hitch_to_axle": (0.05, _LONGEST),
+        "truck_width": (0.05, 20.0),
+        "trailer_width": (0.05, 20.0),
+    }
+)  # smallest and largest value
 
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """Dimensions and limits, SI units. The defaults are a European semi-trailer combination.
+    """Dimensions and limits in SI units; the defaults are a European semi-trailer combination.
 
     Extents are measured along each body's own axis: the truck's from its rear axle, the trailer's from the hitch.
     """
@@ -52,13 +69,7 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = getattr(self, field.name)
-            low, high = _range_of(field.name)
-            is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not is_number or not low <= value <= high:
-                text = f"{field.name} is {value!r}, expected a number from {low:g} to {high:g}"
-                raise ValueError(f"vehicle: {text}{_guessed_unit(field.name, value) if is_number else ''}")
-            object.__setattr__(self, field.name, float(value))
+            object.__setattr__(self, field.name, _checked(field.name, getattr(self, field.name)))
         for extent, (axle, origin) in BEYOND_AXLES.items():
             found, least = getattr(self, extent), getattr(self, axle)
             if found < least - _WHEEL:
@@ -75,6 +86,11 @@ class Vehicle:
     def kinematics(self) -> tuple[float, float, float]:
         """(l, l_t, M) [m], as the kernels take them."""
         return self.wheelbase, self.hitch_to_axle, self.hitch_offset
+
+    @property
+    def motion_limits(self) -> tuple[float, float, float, float, float]:
+        """(l, l_t, M, max_steer, max_steer_rate), which bound the motion between samples, as the kernels take them."""
+        return (*self.kinematics, self.max_steer, self.max_steer_rate)
 
     @property
     def max_kappa(self) -> float:
@@ -100,29 +116,24 @@ class Vehicle:
         return frozen(np.stack([along, across], axis=2))
 
 
+def _checked(name: str, value: Any) -> float:
+    """The value of a field as a float. Raises ValueError for one that is no number or out of range."""
+    low, high = _RANGES.get(name, _EXTENT)
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not is_number or not low <= value <= high:
+        text = f"{name} is {value!r}, expected a number from {low:g} to {high:g}"
+        raise ValueError(f"vehicle: {text}{_guessed_unit(name, value) if is_number else ''}")
+    return float(value)
+
+
 def _guessed_unit(name: str, value: float) -> str:
-    """What may have gone wrong with a value that is too large; empty where nothing comes to mind."""
-    low, high = _range_of(name)
+    """The unit of a value out of range, and what may have gone wrong."""
+    low, high = _RANGES.get(name, _EXTENT)
     if name in ("max_steer", "max_hitch"):
         return " rad; is it in degrees?" if high < value <= 90.0 else " rad"
     if name == "max_steer_rate":
         return " rad/m"
     return " m; is it in millimetres?" if low <= value / 1000.0 <= high < value else " m"
-
-
-def _range_of(name: str) -> tuple[float, float]:
-    """The values that a field of Vehicle may take, inclusive."""
-    ranges = {
-        "max_steer": (0.01, 1.5),
-        "max_hitch": (0.01, 1.57),
-        "max_steer_rate": (1e-3, 1e3),
-        "hitch_offset": (-5.0, 5.0),
-        "wheelbase": (0.05, _UPPER_LIMIT),
-        "hitch_to_axle": (0.05, _UPPER_LIMIT),
-        "truck_width": (0.05, 20.0),
-        "trailer_width": (0.05, 20.0),
-    }
-    return ranges.get(name, (0.0, _UPPER_LIMIT))
 
 
 def body_poses(vehicle: Vehicle, states: Array) -> Array:

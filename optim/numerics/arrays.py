@@ -1,11 +1,23 @@
-"""Read-only views: every array that enters a compiled kernel goes through here.
+"""Arrays: their types with shapes, and the read-only views that enter compiled kernels.
 
-Numba compiles a kernel anew for each combination of layout and mutability. One form for all of them
+Fields that hold arrays state type and shape, `states: Float64[Array, "N 4"]`, in the notation of jaxtyping: an axis
+is a size, a name that stands for one size in all fields of one object, or `_` for any size; a single axis has a space
+before it, " N", since linters take a lone word in quotes for a type. Nothing is checked at run time, and jaxtyping is
+not imported: the tests check every object that they make.
+
+Numba compiles a kernel again for each combination of layout and mutability. One form for all of them
 (C-contiguous, float64 or int64, read-only) means that each kernel is compiled exactly once.
 """
 
+from typing import Annotated as Bool
+from typing import Annotated as Float64
+from typing import Annotated as Int8
+from typing import Annotated as Int64
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Array", "Bool", "BoolArray", "Float64", "Int8", "Int64", "IntArray", "frozen", "frozen_int"]
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

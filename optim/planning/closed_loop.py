@@ -9,72 +9,82 @@ New nodes are joined to the other tree by the exact local planner.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from optim.model.flat_map import flat_from_state, state_from_flat
 from optim.model.path import Segment, segment_from_states
+from optim.model.vehicle import Vehicle
 from optim.planning.drive_kernels import distances, drive, free_samples
-from optim.planning.lookup import HALF, lookup_table
-from optim.planning.protocol import CONNECTION_SPACING, Plan, Task, assemble, clear_connection, deadline
+from optim.planning.lookup import Table, lookup_table
+from optim.planning.protocol import (
+    CONNECTION_SPACING,
+    GiveUp,
+    PlannedPath,
+    PlanningProblem,
+    assemble,
+    clear_connection,
+    never,
+    random_pose,
+)
 from optim.steering.flat import Flat
-from tools.corpus.site import place_flat
 
-_STEP = 0.1  # [m]: of the closed loop and of its samples, what the audit asks for
+_STEP = 0.1  # [m]: step of the closed loop and of its samples, what the audit asks for
 _SETTLED = 0.5  # [m]: shorter drives are no edges
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClosedLoopTree:
-    """How the trees grow; lengths that are given in l_t scale with the distance from hitch to trailer axle."""
+class ClosedLoopRrt:
+    """Drives in closed loop; lengths given in l_t scale with the distance from hitch to trailer axle."""
 
     max_iterations: int = 6000
-    """The search gives up after so many samples."""
+    """Maximum number of samples."""
     neighbours: int = 3
     """Nodes from which a sample is driven to, in either gear, until one gives a new node."""
     look_ahead: float = 0.75
-    """Of the pursuit of the line, forward [l_t]."""
+    """Look-ahead distance of the pursuit of the line, forward [l_t]."""
     look_behind: float = 1.25
-    """The same in reverse, where the hitch and the steering lag behind: below 1 the loop oscillates [l_t]."""
+    """The same in reverse, where hitch and steering lag behind: below 1 the loop oscillates [l_t]."""
     settle: float = 0.2
     """Distance in which the hitch angle settles by a factor e in reverse [l_t]."""
     longest: float = 3.0
-    """Of a drive [l_t]."""
+    """Longest drive [l_t]."""
     node_spacing: float = 0.75
     """Distance between the nodes of a drive [l_t]."""
     bridges: int = 4
-    """Nodes of the other tree that a new node is tried to be joined to."""
+    """Nodes of the other tree that a new node may be joined to."""
     longest_bridge: float = 3.5
-    """Of the connection between the trees [l_t]."""
+    """Longest connection between the trees [l_t]."""
     goal_bias: float = 0.2
     """Share of samples that are nodes of the other tree [-]."""
     straight: float = 0.3
-    """Share of samples that lie on the line of a node, ahead of it or behind: it drives straight on [-]."""
+    """Share of samples that lie straight ahead of or behind a node [-]."""
     cost_weight: float = 0.1
-    """Of the way to a node, in the choice of the nearest [-]."""
+    """Distance that 1 m on the way to a node counts for, in the choice of the nearest [-]."""
     cusp_cost: float = 8.0
     """Length that a gear change counts for on that way [m]."""
     spare: float = 0.9
     """Share of the limits on steering, its rate and the hitch angle that the controller uses [-]."""
-    table_half: int = HALF
-    """Size of the look-up table; see `optim.planning.lookup`."""
+    table: Callable[[Vehicle], Table] = lookup_table
+    """Look-up table of a vehicle's local planner; see `optim.planning.lookup`."""
 
     @property
     def name(self) -> str:
+        """Name in tables and lists."""
         return "CL-RRT"
 
-    def plan(self, task: Task, seed: int, time_limit: float = math.inf) -> Plan | None:
+    def plan(self, problem: PlanningProblem, seed: int, give_up: GiveUp = never) -> PlannedPath | None:
         """The first path that the trees find; see `optim.planning.protocol.Planner`."""
-        is_late = deadline(time_limit)
-        grower = _Grower(self, task, seed)
-        trees = _Tree(task, task.start, self, is_from=True), _Tree(task, task.goal, self, is_from=False)
-        if not is_late():
+        grower = _Grower(self, problem, seed)
+        trees = _Tree(problem, problem.start, self, is_from=True), _Tree(problem, problem.goal, self, is_from=False)
+        if not give_up():
             edge = grower.bridge(trees[0], 0, trees[1])
             if edge is not None:
                 return assemble(edge, 0)
         for iteration in range(self.max_iterations):
-            if is_late():
+            if give_up():
                 return None
             tree, other = trees if iteration % 2 == 0 else trees[::-1]
             for index in grower.extend(tree, grower.draw(tree, other)):
@@ -90,15 +100,15 @@ class _Tree:
     Columns of `nodes`: x, y, theta, alpha, phi; flat x, y, theta, kappa; cost of the way.
     """
 
-    def __init__(self, task: Task, root: Flat, options: ClosedLoopTree, is_from: bool) -> None:
-        state, phi = state_from_flat(task.vehicle, np.array(root))
+    def __init__(self, problem: PlanningProblem, root: Flat, options: ClosedLoopRrt, is_from: bool) -> None:
+        state, phi = state_from_flat(problem.vehicle, np.array(root))
         self.nodes = np.empty((64, 10))
         self.nodes[0] = (*state, phi, *root[:4], 0.0)
         self.count = 1
         self.parents: list[int] = [-1]
         self.pieces: list[Segment | None] = [None]
         self.gears = [0]
-        self.is_from, self.options, self.l_t = is_from, options, task.vehicle.hitch_to_axle
+        self.is_from, self.options, self.l_t = is_from, options, problem.vehicle.hitch_to_axle
 
     def add(self, parent: int, piece: Segment) -> int:
         """A node at the end of a drive from its parent, in the tree's own time."""
@@ -133,15 +143,12 @@ class _Tree:
 class _Grower:
     """One search: samples, drives, bridges."""
 
-    def __init__(self, options: ClosedLoopTree, task: Task, seed: int) -> None:
-        vehicle, l_t = task.vehicle, task.vehicle.hitch_to_axle
-        self.options, self.task, self.l_t = options, task, l_t
+    def __init__(self, options: ClosedLoopRrt, problem: PlanningProblem, seed: int) -> None:
+        vehicle, l_t = problem.vehicle, problem.vehicle.hitch_to_axle
+        self.options, self.problem, self.l_t = options, problem, l_t
         self.rng = np.random.default_rng(seed)
-        self.table = lookup_table(vehicle, options.table_half)
-        weights = np.array([area.weight for area in task.areas])
-        self.shares = weights / weights.sum()
-        motion = (*vehicle.kinematics, vehicle.max_steer, vehicle.max_steer_rate)
-        self.world = (task.scene.packed, vehicle.footprints, motion, float(task.margin))
+        self.table = options.table(vehicle)
+        self.world = (problem.scene.packed, vehicle.footprints, vehicle.motion_limits, float(problem.margin))
         top = 0.7 * options.spare * vehicle.max_kappa
         self.law = (options.settle * l_t, top, options.spare * vehicle.max_steer)
         self.limits = (options.spare * vehicle.max_hitch, options.spare * vehicle.max_steer_rate)
@@ -158,11 +165,7 @@ class _Grower:
             along = self.rng.uniform(-1.0, 1.0) * self.options.longest * self.l_t
             x, y, theta = node[5] + along * math.cos(node[7]), node[6] + along * math.sin(node[7]), node[7]
             return Flat(float(x), float(y), float(theta), 0.0)
-        area = self.task.areas[self.rng.choice(len(self.task.areas), p=self.shares)]
-        x0, y0, x1, y1 = area.box
-        turn = self.rng.uniform(-area.spread, area.spread)
-        x, y = self.rng.uniform(x0, x1), self.rng.uniform(y0, y1)
-        return place_flat(Flat(x, y, area.heading + turn, 0.0), self.task.pose)
+        return random_pose(self.problem, self.rng)
 
     def nearest(self, tree: _Tree, to: Flat, count: int, is_from: bool, cost_weight: float) -> list[int]:
         """Nodes by the table's distance and the way to them, nearest first."""
@@ -188,7 +191,7 @@ class _Grower:
         node, options = tree.nodes[parent], self.options
         s, states, phi = self.buffers
         is_free = tree.gears[parent] != gear
-        line, kinematics = (sample.x, sample.y, sample.theta), self.task.vehicle.kinematics
+        line, kinematics = (sample.x, sample.y, sample.theta), self.problem.vehicle.kinematics
         if gear > 0:  # the truck's rear axle is what follows the line forward
             ahead = self.l_t
             line = (sample.x + ahead * math.cos(sample.theta), sample.y + ahead * math.sin(sample.theta), sample.theta)
@@ -221,7 +224,7 @@ class _Grower:
             ends = (index, near) if tree.is_from else (near, index)
             for gear in (1, -1):
                 start, end = self._flat(first, ends[0], gear), self._flat(last, ends[1], gear)
-                edge = clear_connection(self.task, start, end, gear, self.options.longest_bridge * self.l_t)
+                edge = clear_connection(self.problem, start, end, gear, self.options.longest_bridge * self.l_t)
                 if edge is not None:
                     return [*first.branch(ends[0]), edge.segment(CONNECTION_SPACING), *last.branch(ends[1])]
         return None
@@ -230,7 +233,7 @@ class _Grower:
         """The node as an end of a connection: its own steering where the gear stays, any where the vehicle stands."""
         node, before = tree.nodes[index], tree.gear_of_travel(index)
         if before == gear:
-            flat = flat_from_state(self.task.vehicle, node[:4], np.asarray(node[4]))
+            flat = flat_from_state(self.problem.vehicle, node[:4], np.asarray(node[4]))
             return Flat(*flat.tolist())
         return Flat(*node[5:9].tolist())
 

@@ -11,36 +11,33 @@ A path turned end to end is *not* one of them: the truck leads on one of the two
 
 Between nodes the length is interpolated where all eight nodes round it have one and they differ by no more than the
 motion from node to node explains; elsewhere the nearest node speaks. Beyond the grid, the distance back to it is
-added. A table is valid for one vehicle; it is built once and kept in a file.
+added. A table is valid for one vehicle; building one takes 10 to 20 s, so callers may keep it by its `table_key`.
 """
 
-import hashlib
 import math
-import os
 from dataclasses import astuple, dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-import optim.steering
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, frozen
+from optim.numerics.arrays import Array, Float64, frozen
 from optim.numerics.kernel import kernel
 from optim.steering.bezier import plan_bezier
-from optim.steering.flat import Flat, limits
+from optim.steering.connect import local_ends
+from optim.steering.flat import Flat, curve_limits
 from optim.steering.turns import plan_turns
-from replay.base.files import atomic_write
 
 HALF: Final = 15
 """Nodes of the grid on either side of the origin; fewer make a table that reaches less far."""
 CELL: Final = 0.25
-"""Distance between nodes, of the trailer's length hitch to axle [-]."""
+"""Distance between nodes, as a share of the distance from hitch to trailer axle [-]."""
 HEADINGS: Final = 24
 """Nodes in heading, over a full turn."""
 BEND: Final = 0.5
-"""The curvature k, of the largest [-]."""
+"""The curvature k, as a share of the largest [-]."""
 LONGEST: Final = 12.0
 """Connections longer than this many hitch-to-axle lengths count as none [-]."""
 _SPREAD: Final = 6.0  # cells: nodes round a cell that differ by more belong to different kinds of connections
@@ -50,7 +47,7 @@ _SPREAD: Final = 6.0  # cells: nodes round a cell that differ by more belong to 
 class Table:
     """Lengths of connections of one vehicle."""
 
-    values: Array
+    values: Float64[Array, "3 3 columns rows headings"]
     """k0, k1 (-k, 0, k), x, y, heading. Length of the trailer's path [m], inf where there is no connection.
     Shape (3, 3, 2 half + 1, half + 1, HEADINGS)."""
     cell: float
@@ -67,32 +64,35 @@ class Table:
         return self.forward(end, start)
 
     def distance(self, start: Flat, end: Flat) -> float:
-        """Of both, the shorter; where neither is known, a straight line and what turning on an arc takes [m]."""
+        """Length of the shorter of both [m]; where neither is known, of a straight line and of turning on an arc."""
         return float(metric(self.values, self.cell, self.bend, *start[:4], *end[:4]))
 
 
+def table_shape(half: int) -> tuple[int, int, int, int, int]:
+    """Shape of `Table.values` with so many nodes on either side of the origin."""
+    return 3, 3, 2 * half + 1, half + 1, HEADINGS
+
+
+def table_of(vehicle: Vehicle, values: ArrayLike) -> Table:
+    """The table of a vehicle from its lengths, as `build_table` gave them."""
+    return Table(frozen(values), CELL * vehicle.hitch_to_axle, BEND * vehicle.max_kappa)
+
+
+def table_key(vehicle: Vehicle, half: int = HALF) -> str:
+    """What a table depends on besides the code of the local planner: the vehicle and the grid, in one line."""
+    return repr((astuple(vehicle), half, CELL, HEADINGS, BEND, LONGEST))
+
+
 @lru_cache(maxsize=8)
-def lookup_table(vehicle: Vehicle, half: int = HALF, folder: Path | None = None) -> Table:
-    """The table of a vehicle: from its file in the cache folder, else built (10 to 20 s) and written there."""
-    folder = folder or cache_folder()
+def lookup_table(vehicle: Vehicle, half: int = HALF) -> Table:
+    """The table of a vehicle, built at the first call (10 to 20 s) and remembered."""
+    return build_table(vehicle, half)
+
+
+def build_table(vehicle: Vehicle, half: int = HALF) -> Table:
+    """The table of a vehicle; its lengths are rounded to 1 cm and to float32."""
     cell, bend = CELL * vehicle.hitch_to_axle, BEND * vehicle.max_kappa
-    path = folder / f"lookup-{_key(vehicle, half)}.npy"
-    shape = (3, 3, 2 * half + 1, half + 1, HEADINGS)
-    if path.exists():
-        values = np.load(path)
-        if values.shape == shape:
-            return Table(frozen(values), cell, bend)
-    values = _build(vehicle, shape, cell, bend).astype(np.float32)
-    folder.mkdir(parents=True, exist_ok=True)
-    with atomic_write(path) as temporary, temporary.open("wb") as file:
-        np.save(file, values)
-    return Table(frozen(values), cell, bend)
-
-
-def cache_folder() -> Path:
-    """Where tables are kept: below XDG_CACHE_HOME or ~/.cache."""
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "truck-trailer-replay"
+    return table_of(vehicle, _lengths(vehicle, table_shape(half), cell, bend).astype(np.float32))
 
 
 def node_pose(half: int, cell: float, i: int, j: int, k: int) -> tuple[float, float, float]:
@@ -102,18 +102,14 @@ def node_pose(half: int, cell: float, i: int, j: int, k: int) -> tuple[float, fl
 
 def exact_length(vehicle: Vehicle, start: Flat, end: Flat, longest: float) -> float:
     """Length of the trailer's path of the shortest forward connection [m], inf where there is none."""
-    dx, dy = end.x - start.x, end.y - start.y
-    cos, sin = math.cos(start.theta), math.sin(start.theta)
-    turned = math.remainder(end.theta - start.theta, 2.0 * math.pi)
-    first = frozen((start.kappa, start.sigma))
-    last = frozen((cos * dx + sin * dy, cos * dy - sin * dx, turned, end.kappa, end.sigma))
-    lim = limits(vehicle)
+    first, last = local_ends(start, end)
+    lim = curve_limits(vehicle)
     rows = plan_turns(first, last, lim, longest)
     turns = float(rows[:, 0].min()) if len(rows) else math.inf
     return min(turns, float(plan_bezier(first, last, lim, min(longest, turns))[0]))
 
 
-def _build(vehicle: Vehicle, shape: tuple[int, ...], cell: float, bend: float) -> Array:
+def _lengths(vehicle: Vehicle, shape: tuple[int, ...], cell: float, bend: float) -> Array:
     values = np.full(shape, math.inf)
     longest = LONGEST * vehicle.hitch_to_axle
     for index in np.ndindex(values.shape):
@@ -125,14 +121,6 @@ def _build(vehicle: Vehicle, shape: tuple[int, ...], cell: float, bend: float) -
         else:
             values[index] = exact_length(vehicle, start, end, longest)
     return values.round(2)
-
-
-def _key(vehicle: Vehicle, half: int) -> str:
-    """Digest of all that a table depends on: the vehicle, the grid, and the local planner's own source."""
-    digest = hashlib.sha256(repr((astuple(vehicle), half, CELL, HEADINGS, BEND, LONGEST)).encode())
-    for source in sorted(Path(optim.steering.__file__).parent.glob("*.py")):
-        digest.update(source.read_bytes())
-    return digest.hexdigest()[:20]
 
 
 @kernel

@@ -7,29 +7,43 @@ of the samples it happened to go through: that is what the corpus is for.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from optim.model.clearance import first_violation
 from optim.numerics.arrays import Array
-from optim.planning.protocol import Task
+from optim.planning.protocol import (
+    CONNECTION_SPACING,
+    GiveUp,
+    PlannedPath,
+    PlanningProblem,
+    assemble,
+    never,
+    random_pose,
+)
 from optim.steering.connect import Connection, connections
 from optim.steering.flat import Flat
-from tools.corpus.site import place_flat
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Found:
+    """Connections in the order of travel, and the number of samples that they took."""
+
+    edges: tuple[Connection, ...]
+    iterations: int
 
 
 @dataclass(frozen=True, kw_only=True)
-class Search:
-    """How the trees grow."""
+class Rrt:
+    """Random curvature ramps and exact connections."""
 
     max_iterations: int = 600
-    """The search gives up after so many samples."""
+    """Maximum number of samples."""
     neighbours: int = 3
     """Nodes that are extended towards a sample until one gives a new node."""
     shots: int = 8
-    """Random curvatures and lengths per gear, of which the ones that end nearest to the sample are tried."""
+    """Random curvatures and lengths per gear; those that end nearest to the sample are tried."""
     step: tuple[float, float] = (4.0, 15.0)
     """Shortest and longest shot [m of the trailer's axle]."""
     straight: float = 0.5
@@ -37,7 +51,7 @@ class Search:
     max_bridge: float = 28.0
     """Longest edge between the trees [m of the trailer's axle]."""
     bridges: int = 6
-    """Nodes of the other tree to which a new node is tried to be joined."""
+    """Nodes of the other tree that a new node may be joined to."""
     heading_weight: float = 6.0
     """Distance that a difference of 1 rad in heading counts for [m]."""
     cost_weight: float = 0.12
@@ -47,31 +61,58 @@ class Search:
     spacing: float = 0.2
     """Samples for the collision check are at most this far apart [m]."""
 
+    @property
+    def name(self) -> str:
+        """Name in tables and lists."""
+        return "RRT"
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Found:
-    """A path of the planner: connections in the order of travel, and the samples that it took."""
+    def plan(self, problem: PlanningProblem, seed: int, give_up: GiveUp = never) -> PlannedPath | None:
+        """The first path that the trees find; see `optim.planning.protocol.Planner`."""
+        found = self.search(problem, seed, give_up)
+        if found is None:
+            return None
+        return assemble([edge.segment(CONNECTION_SPACING) for edge in found.edges], found.iterations)
 
-    edges: tuple[Connection, ...]
-    iterations: int
+    def search(self, problem: PlanningProblem, seed: int, give_up: GiveUp = never) -> Found | None:
+        """The edges of that path, or None after the maximum number of samples or once `give_up()`.
+
+        The path keeps the vehicle's limits and the problem's margin from every obstacle, between samples too. The
+        same seed gives the same path.
+        """
+        planner = _Planner(problem, self, seed)
+        trees = (
+            _Tree(problem.start, self, forward_in_time=True),
+            _Tree(problem.goal, self, forward_in_time=False),
+        )
+        for iteration in range(self.max_iterations):
+            if give_up():
+                return None
+            tree, other = trees if iteration % 2 == 0 else trees[::-1]
+            index = planner.extend(tree, random_pose(problem, planner.rng))
+            if index is None:
+                continue
+            edges = planner.bridge(tree, index, other)
+            if edges is not None:
+                return Found(edges=tuple(edges), iterations=iteration + 1)
+        return None
 
 
 class _Tree:
     """Nodes with their parents, and the edge that joins each to its parent."""
 
-    def __init__(self, root: Flat, search: Search, forward_in_time: bool) -> None:
+    def __init__(self, root: Flat, options: Rrt, forward_in_time: bool) -> None:
         self.nodes = [root]
         self.parents = [-1]
         self.edges: list[Connection | None] = [None]
         self.forward_in_time = forward_in_time
-        self.search = search
-        self._table = np.empty((search.max_iterations + 1, 4))  # x, y, heading, cost of the way from the root
+        self.options = options
+        self._table = np.empty((options.max_iterations + 1, 4))  # x, y, heading, cost of the way from the root
         self._table[0] = (*root[:3], 0.0)
 
     def add(self, node: Flat, parent: int, edge: Connection) -> int:
         before = self.edges[parent]
         turned = before is not None and before.direction != edge.direction
-        cost = self._table[parent, 3] + edge.trailer_length + turned * self.search.cusp_cost
+        cost = self._table[parent, 3] + edge.trailer_length + turned * self.options.cusp_cost
         self._table[len(self.nodes)] = (*node[:3], cost)
         self.nodes.append(node)
         self.parents.append(parent)
@@ -81,7 +122,7 @@ class _Tree:
     def nearest(self, node: Flat, count: int) -> list[int]:
         """Indices of the nearest nodes by position, heading and cost of the way to them, nearest first."""
         table = self._table[: len(self.nodes)]
-        far = _distance(table, node, self.search.heading_weight) + self.search.cost_weight * table[:, 3]
+        far = _distance(table, node, self.options.heading_weight) + self.options.cost_weight * table[:, 3]
         return np.argsort(far.round(6), kind="stable")[:count].tolist()
 
     def branch(self, index: int) -> list[Connection]:
@@ -94,52 +135,42 @@ class _Tree:
 
 
 class _Planner:
-    """One search: task and options at hand for every edge."""
+    """One search: problem and options at hand for every edge."""
 
-    def __init__(self, task: Task, search: Search, seed: int) -> None:
-        self.task, self.search = task, search
-        weights = np.array([area.weight for area in task.areas])
-        self.shares = weights / weights.sum()
+    def __init__(self, problem: PlanningProblem, options: Rrt, seed: int) -> None:
+        self.problem, self.options = problem, options
         self.rng = np.random.default_rng(seed)
-
-    def draw(self) -> Flat:
-        """A random position and heading in one of the areas."""
-        area = self.task.areas[self.rng.choice(len(self.task.areas), p=self.shares)]
-        x0, y0, x1, y1 = area.box
-        turn = self.rng.uniform(-area.spread, area.spread)
-        x, y = self.rng.uniform(x0, x1), self.rng.uniform(y0, y1)
-        return place_flat(Flat(x, y, area.heading + turn, 0.0), self.task.pose)
 
     def shots(self, parent: Flat, sample: Flat) -> list[tuple[Flat, int]]:
         """Ends of random curvature ramps out of the parent in both gears, nearest to the sample first."""
-        search, rng = self.search, self.rng
-        count = 2 * search.shots
-        gear = np.repeat([1, -1], search.shots)
-        length = rng.uniform(*search.step, count)
-        limit = 0.85 * self.task.vehicle.max_kappa
-        kappa = np.where(rng.random(count) < search.straight, 0.0, rng.uniform(-limit, limit, count))
+        options, rng = self.options, self.rng
+        count = 2 * options.shots
+        gear = np.repeat([1, -1], options.shots)
+        length = rng.uniform(*options.step, count)
+        limit = 0.85 * self.problem.vehicle.max_kappa
+        kappa = np.where(rng.random(count) < options.straight, 0.0, rng.uniform(-limit, limit, count))
         ends = ramp_ends(parent, kappa.round(4), (gear * length).round(2))
-        far = _distance(ends, sample, search.heading_weight)
-        order = np.argsort(far.round(6), kind="stable")[: search.shots // 2]
+        far = _distance(ends, sample, options.heading_weight)
+        order = np.argsort(far.round(6), kind="stable")[: options.shots // 2]
         return [(Flat(*ends[i].round(4).tolist()), int(gear[i])) for i in order]
 
     def link(self, start: Flat, end: Flat, gear: int, longest: float) -> Connection | None:
         """The shortest connection that is clear of obstacles."""
-        task = self.task
-        for edge in connections(task.vehicle, start, end, gear, longest)[:2]:
-            s, states, _ = edge.sample(self.search.spacing)
-            if first_violation(task.scene, task.vehicle, s, states, task.margin) < 0:
+        problem = self.problem
+        for edge in connections(problem.vehicle, start, end, gear, longest)[:2]:
+            s, states, _ = edge.sample(self.options.spacing)
+            if first_violation(problem.scene, problem.vehicle, s, states, problem.margin) < 0:
                 return edge
         return None
 
     def extend(self, tree: _Tree, sample: Flat) -> int | None:
         """Add one node in the direction of the sample; its index, or None."""
-        for parent in tree.nearest(sample, self.search.neighbours):
+        for parent in tree.nearest(sample, self.options.neighbours):
             for node, gear in self.shots(tree.nodes[parent], sample):
                 if tree.forward_in_time:
-                    edge = self.link(tree.nodes[parent], node, gear, 1.5 * self.search.step[1])
+                    edge = self.link(tree.nodes[parent], node, gear, 1.5 * self.options.step[1])
                 else:
-                    edge = self.link(node, tree.nodes[parent], -gear, 1.5 * self.search.step[1])
+                    edge = self.link(node, tree.nodes[parent], -gear, 1.5 * self.options.step[1])
                 if edge is not None:
                     return tree.add(node, parent, edge)
         return None
@@ -147,11 +178,11 @@ class _Planner:
     def bridge(self, tree: _Tree, index: int, other: _Tree) -> list[Connection] | None:
         """The whole path if the node can be joined to the other tree."""
         node = tree.nodes[index]
-        for near in other.nearest(node, self.search.bridges):
+        for near in other.nearest(node, self.options.bridges):
             ends = (index, near) if tree.forward_in_time else (near, index)
             first, last = (tree, other) if tree.forward_in_time else (other, tree)
             for gear in (1, -1):
-                edge = self.link(first.nodes[ends[0]], last.nodes[ends[1]], gear, self.search.max_bridge)
+                edge = self.link(first.nodes[ends[0]], last.nodes[ends[1]], gear, self.options.max_bridge)
                 if edge is not None:
                     return [*first.branch(ends[0])[::-1], edge, *last.branch(ends[1])]
         return None
@@ -175,30 +206,3 @@ def _distance(poses: Array, to: Flat, heading_weight: float) -> Array:
     """Distance of poses (n, 3 or more) in position and heading [m]. Shape (n,)."""
     turn = np.abs(np.mod(poses[:, 2] - to.theta + math.pi, 2.0 * math.pi) - math.pi)
     return np.hypot(poses[:, 0] - to.x, poses[:, 1] - to.y) + heading_weight * turn
-
-
-def plan(
-    task: Task, seed: int, search: Search | None = None, is_late: Callable[[], bool] = lambda: False
-) -> Found | None:
-    """The first path that the trees find from start to goal, or None after the largest number of samples or too late.
-
-    The path keeps the vehicle's limits and the task's margin from every obstacle, between samples too. The same seed
-    gives the same path.
-    """
-    search = search or Search()
-    planner = _Planner(task, search, seed)
-    trees = (
-        _Tree(task.start, search, forward_in_time=True),
-        _Tree(task.goal, search, forward_in_time=False),
-    )
-    for iteration in range(search.max_iterations):
-        if is_late():
-            return None
-        tree, other = trees if iteration % 2 == 0 else trees[::-1]
-        index = planner.extend(tree, planner.draw())
-        if index is None:
-            continue
-        edges = planner.bridge(tree, index, other)
-        if edges is not None:
-            return Found(edges=tuple(edges), iterations=iteration + 1)
-    return None

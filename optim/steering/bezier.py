@@ -17,7 +17,7 @@ import numpy as np
 
 from optim.numerics.arrays import Array
 from optim.numerics.kernel import kernel
-from optim.steering.flat import GAUSS_W, GAUSS_X, TOLERANCE, TWO_PI, Limits, hermite, load, peak
+from optim.steering.flat import GAUSS_W, GAUSS_X, TOLERANCE, TWO_PI, CurveLimits, hermite, load, peak
 
 _GRID = 6  # tangent lengths tried at each end,
 _LOWEST, _STEP = -0.35, 0.25  # by the log of their ratio to the distance
@@ -92,7 +92,7 @@ def curve_load(c, count, stride, slowest, stop, lim):
     than a right angle between two samples has a cusp: load inf. A longer stride, prime to count + 1, takes the same
     samples in another order: most candidates fail, neighbours are alike, and so it comes sooner to a bad one.
     `slowest` is the lower bound of |B'|. The trapezoidal rule is of order four for the length here, since B' and B''
-    are orthogonal at the ends. count and stride are floats: a kernel is compiled anew for every literal int.
+    are orthogonal at the ends. count and stride are floats: a kernel is compiled again for every literal int.
     """
     worst, before, value, length = 0.0, 0.0, 0.0, 0.0
     dx, dy = 1.0, 0.0
@@ -147,7 +147,7 @@ def search(start, goal, chord, target, lim, c):
     return (best if best < 100.0 else np.inf), math.exp(u0), math.exp(u1)
 
 
-def plan_bezier(start: Array, goal: Array, lim: Limits, max_length: float) -> tuple[float, float, float]:
+def plan_bezier(start: Array, goal: Array, lim: CurveLimits, max_length: float) -> tuple[float, float, float]:
     """A short Bézier curve from the origin with heading 0 and start = (k0, s0) to goal (x, y, theta, k1, s1).
 
     Returns (length, tangent lengths a0, a1); the length is inf where none was found within the limits.

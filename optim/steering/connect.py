@@ -14,9 +14,9 @@ import numpy as np
 from optim.model.flat_map import state_from_flat
 from optim.model.path import Segment, segment_from_states
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, frozen
+from optim.numerics.arrays import Array, Float64, frozen
 from optim.steering.bezier import plan_bezier, sample_bezier
-from optim.steering.flat import Flat, effort, limits
+from optim.steering.flat import Flat, curve_limits, effort
 from optim.steering.pieces import sample_turns
 from optim.steering.turns import plan_turns
 
@@ -27,9 +27,12 @@ END_TOLERANCE = 1e-8
 class Sampled(NamedTuple):
     """A connection at equal distances of the truck; the states between follow from phi linear in s. N samples."""
 
-    s: Array  # (N,) arc length of the truck's rear axle from the connection's start [m]
-    states: Array  # (N, 4)
-    phi: Array  # (N,) [rad]
+    s: Float64[Array, " N"]
+    """Arc length of the truck's rear axle from the connection's start [m]. Shape (N,)."""
+    states: Float64[Array, "N 4"]
+    """Columns x, y, theta, alpha. Shape (N, 4)."""
+    phi: Float64[Array, " N"]
+    """Steering angle [rad]. Shape (N,)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,7 +47,7 @@ class Connection:
     trailer_length: float
     """Distance of the trailer's axle [m]."""
     vehicle: Vehicle
-    curve: Array
+    curve: Float64[Array, " _"]
     """Parameters of the curve in the order of travel forwards: a row of `plan_turns`, or the tangent lengths a0, a1."""
 
     @property
@@ -59,7 +62,7 @@ class Connection:
         phi is taken as linear between samples 1 m apart: of all curves through them that has the least second integral.
         """
         length, flat = self._coarse
-        return effort(flat, length, limits(self.vehicle))
+        return effort(flat, length, curve_limits(self.vehicle))
 
     @cached_property
     def _coarse(self) -> tuple[float, Array]:
@@ -68,7 +71,7 @@ class Connection:
     def _flat(self, spacing: float) -> tuple[float, Array]:
         """(truck's distance, flat states (n, 5)) in the order of travel forwards, in the frame of its first state."""
         first, last = (self.start, self.end) if self.direction > 0 else (self.end, self.start)
-        ends, lim = _local(first, last), limits(self.vehicle)
+        ends, lim = local_ends(first, last), curve_limits(self.vehicle)
         if self.kind == "turns":
             return sample_turns(self.curve, *ends, float(spacing), lim)
         return sample_bezier(*ends, float(self.curve[0]), float(self.curve[1]), float(spacing), lim)
@@ -115,7 +118,7 @@ class Connection:
         return segment_from_states(self.direction, *self.sample(spacing))
 
 
-def _local(first: Flat, last: Flat) -> tuple[Array, Array]:
+def local_ends(first: Flat, last: Flat) -> tuple[Array, Array]:
     """(k0, s0) and (x, y, theta, k1, s1) in the frame of the first state, theta in [-pi, pi]."""
     dx, dy = last.x - first.x, last.y - first.y
     cos, sin = math.cos(first.theta), math.sin(first.theta)
@@ -133,9 +136,9 @@ def connections(
     may be none. Several pairs of turns and at most one Bézier curve are returned: where the shortest collides,
     another may not. Raises ValueError for a hitch that is not over the rear axle.
     """
-    lim = limits(vehicle)
+    lim = curve_limits(vehicle)
     first, last = (start, end) if direction > 0 else (end, start)
-    ends = _local(first, last)
+    ends = local_ends(first, last)
     if math.hypot(ends[1][0], ends[1][1]) > max_length:
         return []
     found = [

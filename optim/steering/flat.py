@@ -20,13 +20,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from optim.model.flat_map import require_flat
 from optim.model.vehicle import Vehicle
 from optim.numerics.kernel import kernel
 
 TOLERANCE = 1e-6
 """Relative excess of a limit that still counts as within it: a recorded state at its limit is a state [-]."""
 
-Limits = tuple[float, float, float, float, float, float]
+CurveLimits = tuple[float, float, float, float, float, float]
+"""l [m], l_t [m], largest |kappa| [1/m], largest |T| [-], largest |dphi/ds| [rad/m], curvature of long turns [1/m]."""
 TWO_PI = 2.0 * math.pi
 # Gauss-Legendre on [0, 1]: four nodes to search with (1e-6 m on a ramp), then nine to solve with (1e-13 m)
 GAUSS_X = (
@@ -52,14 +54,13 @@ class Flat(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def limits(vehicle: Vehicle) -> Limits:
+def curve_limits(vehicle: Vehicle) -> CurveLimits:
     """The vehicle's l, l_t, limits and hold curvature as kernels take them; remembered, since it is asked for often.
 
     Raises ValueError for a hitch that is not over the rear axle: such a vehicle is not flat.
     """
-    l, l_t, offset = vehicle.kinematics
-    if offset != 0.0:
-        raise ValueError(f"vehicle: hitch_offset is {offset:g} m; exact steering needs 0 (hitch over the rear axle)")
+    require_flat(vehicle)
+    l, l_t, _ = vehicle.kinematics
     bounds = vehicle.max_kappa, math.tan(vehicle.max_steer), vehicle.max_steer_rate
     return l, l_t, *bounds, hold_curvature((l, l_t, *bounds, 0.0))
 
@@ -117,7 +118,7 @@ def ramp_load(k0, s0, k1, length, count, stop, lim):
     """Largest load on a cubic ramp from (k0, s0) to (k1, 0), from count + 1 samples and the parabolas through them.
 
     The end is looked at first; returns at the first sample above `stop`. The count is a float: a kernel is
-    compiled anew for every literal int.
+    compiled again for every literal int.
     """
     c2, c3 = hermite(k0, s0, k1, 0.0, length)
     worst, before, value = 0.0, 0.0, 0.0

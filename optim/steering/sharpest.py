@@ -14,7 +14,7 @@ ROWS = 10
 """Rows of a family of turns: one slowed turn, eight peaks, one hold."""
 _PEAKS = 8
 CELLS = 40
-"""Of the grid of deflections, and of headings of the straight, for a full circle."""
+"""Cells of the grid of deflections, and of headings of the straight, for a full circle."""
 
 
 @kernel(error_model="numpy")

@@ -24,7 +24,7 @@ import numpy as np
 
 from optim.numerics.arrays import Array, frozen
 from optim.numerics.kernel import kernel
-from optim.steering.flat import TOLERANCE, TWO_PI, Limits, ramp_load
+from optim.steering.flat import TOLERANCE, TWO_PI, CurveLimits, ramp_load
 from optim.steering.sharpest import CELLS, ROWS, peak_curvature, sharpest_turns, tabulate_ends, tabulated, turn_end
 
 NUM_SOLUTIONS = 4
@@ -239,7 +239,7 @@ def solve_turns(root, start, goal, lim, turns, loads, row):
     return False
 
 
-def plan_turns(start: Array, goal: Array, lim: Limits, max_length: float) -> Array:
+def plan_turns(start: Array, goal: Array, lim: CurveLimits, max_length: float) -> Array:
     """Turn - straight - turn from the origin with heading 0 and start = (k0, s0) to goal (x, y, theta, k1, s1).
 
     Returns rows (length, l1, hold, l2 of the first turn, l1, hold, l2 of the last one from the goal backwards,

@@ -4,9 +4,12 @@ Everything a log, a file name or a results file contributes to such a line passe
 so that no file can move the cursor, hide text or forge another line on a terminal.
 """
 
+import difflib
 import os
+from collections.abc import Iterable
+from typing import Final
 
-ERROR_LENGTH = 1200  # characters; a longer line no longer tells anybody anything
+ERROR_LENGTH = 1200  # characters; nobody reads a longer line
 
 
 def printable(text: object, limit: int = 200) -> str:
@@ -35,6 +38,29 @@ class ReplayError(Exception):
 
     def __str__(self) -> str:
         return f"{self.message} [{self.code}]"
+
+
+USAGE_ERROR: Final = "E_USAGE"
+"""Code of errors in what was asked for, to which the help has the answer."""
+
+
+class UsageError(ReplayError):
+    """Arguments that are unknown or cannot be used together, or a value out of its range."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(USAGE_ERROR, message)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return UsageError, (self.message,)
+
+
+def unknown(kind: str, word: str, choices: Iterable[str], where: str = "") -> str:
+    """One sentence about a word that is not among the choices: where it stands, the nearest of them, all of them."""
+    choices = list(choices)
+    nearest = difflib.get_close_matches(word, choices, n=1)
+    guess = f" Did you mean {nearest[0]!r}?" if nearest else ""
+    place = f" {where}" if where else ""
+    return f"unknown {kind} {word!r}{place}.{guess} There are: {', '.join(choices)}"
 
 
 class OutputLost(Exception):

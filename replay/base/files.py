@@ -56,8 +56,8 @@ def _removed_on_failure(temporary: pathlib.Path) -> Iterator[None]:
 def reserved(path: str | os.PathLike[str]) -> Iterator[None]:
     """Keep other processes from working on `path` while the block runs; a killed process keeps nobody out.
 
-    An empty file `.NAME.PID.run` beside it marks who is at it; of several the oldest counts. Raises ReplayError
-    (E_BUSY) where another process is at it, E_WRITE where the folder cannot be written to.
+    An empty file `.NAME.PID.run` beside it marks who works on it; of several the oldest counts. Raises ReplayError
+    (E_BUSY) where another process works on it, E_WRITE where the folder cannot be written to.
     """
     target = pathlib.Path(path)
     mark = _beside(target, os.getpid(), _RUN)

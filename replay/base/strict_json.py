@@ -21,7 +21,7 @@ class JsonError(Exception):
 
 def read_json(path: str | os.PathLike[str], largest: int) -> Any:
     """The data of a JSON file of at most `largest` bytes. Raises JsonError."""
-    return parse_json(_content(pathlib.Path(path), largest))
+    return parse_json(read_text(path, largest))
 
 
 def parse_json(text: str) -> Any:
@@ -32,11 +32,16 @@ def parse_json(text: str) -> Any:
         raise JsonError(f"not JSON: {error}") from None
     except RecursionError:
         raise JsonError("nested too deeply") from None
+    except _Beyond as error:
+        tree = json.loads(text, parse_float=_beyond_or_float)
+        raise JsonError(f"{_place_of(tree) or 'the document'}: {error}") from None
     except ValueError as error:  # an integer of thousands of digits
         raise JsonError(str(error)) from None
 
 
-def _content(path: pathlib.Path, largest: int) -> str:
+def read_text(path: str | os.PathLike[str], largest: int) -> str:
+    """The content of a text file in UTF-8 of at most `largest` bytes. Raises JsonError."""
+    path = pathlib.Path(path)
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):  # a pipe would block
@@ -69,8 +74,28 @@ def _constant(name: str) -> float:
     raise JsonError(f"{name} is not JSON, expected a number or null")
 
 
+class _Beyond(Exception):
+    """A number that no float64 can hold; as a value, it marks its place in the data."""
+
+
 def _float(digits: str) -> float:
     value = float(digits)
     if math.isinf(value):
-        raise JsonError(f"{digits[:40]} is beyond the range of a float64")
+        raise _Beyond(f"{digits[:40]} is beyond the range of a float64")
     return value
+
+
+def _beyond_or_float(digits: str) -> "float | _Beyond":
+    value = float(digits)
+    return _Beyond() if math.isinf(value) else value
+
+
+def _place_of(tree: Any, place: str = "") -> str | None:
+    """The place of the first such number, as `methods[2].metrics.length`; None where there is none."""
+    if isinstance(tree, _Beyond):
+        return place
+    if isinstance(tree, dict):
+        parts = ((f"{place}.{key[:40]}" if place else key[:40], value) for key, value in tree.items())
+    else:
+        parts = ((f"{place}[{index}]", value) for index, value in enumerate(tree if isinstance(tree, list) else ()))
+    return next((found for part, value in parts if (found := _place_of(value, part)) is not None), None)

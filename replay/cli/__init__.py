@@ -1,20 +1,20 @@
-"""The command line: `replay optimize | info | vehicle | methods | compare | audit | regress | report | view`.
+"""The command line: `replay optimize | info | vehicle | methods | compare | audit | regress | report`.
 
 This module stays light: a command's module, and with it numpy, numba and Rerun, is imported when the command is
 called, so that `replay --help` answers at once. Each command is a thin shell over library functions.
 """
 
-import os
 import sys
 from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError, MissingArgumentError, UnknownCommandError
 
-from replay.base.errors import OutputLost, ReplayError
+from replay.base.errors import USAGE_ERROR, OutputLost, ReplayError, unknown
 from replay.base.kernels import drop_stale
+from replay.base.threads import use_one_thread
 from replay.cli.invoked import to_paste
 from replay.cli.signals import like_ctrl_c
-from replay.cli.usage import USAGE_ERROR, ExitStatus, command_of, example, unknown
+from replay.cli.usage import ExitStatus, command_of, drop_output, example
 
 COMMANDS = {
     "optimize": "Improve the recorded paths of logs; write a Rerun recording and a results file for each.",
@@ -25,14 +25,8 @@ COMMANDS = {
     "audit": "Repeat the independent check of results files, from these files alone.",
     "regress": "Run every log of a corpus with every method, compare with a baseline, write reports.",
     "report": "Make the reports of a regression run again from its files.",
-    "view": "Serve the recordings of a run as one Rerun dataset, on this machine alone.",
 }
 """The commands and their line in the help; each is the function of its own name in `replay.cli.<name>`."""
-
-_THREAD_VARIABLES = (
-    *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"),
-    *("NUMEXPR_NUM_THREADS", "NUMBA_NUM_THREADS", "RAYON_NUM_THREADS"),
-)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -100,20 +94,6 @@ def _version() -> str:
     import importlib.metadata  # a fiftieth of a second
 
     return importlib.metadata.version("truck-trailer-replay")
-
-
-def use_one_thread() -> None:
-    """Keep numerical libraries from starting threads, whatever the environment says.
-
-    With other numbers of threads sums are taken in another order, and results differ in their last bits; the arrays
-    are small, so threads would only cost time. Takes effect because no command has loaded numpy yet.
-    """
-    os.environ.update(dict.fromkeys(_THREAD_VARIABLES, "1"))
-
-
-def drop_output() -> None:
-    """Let what is still to be written on standard output go nowhere, also when Python ends."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _missing(error: MissingArgumentError, command: Sequence[str]) -> str:

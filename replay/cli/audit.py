@@ -6,12 +6,13 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from replay.base.documents import plain
 from replay.base.errors import ReplayError
 from replay.cli.console import Common, Voice
 from replay.cli.tables import checks_table
 from replay.cli.usage import ExitStatus, reflowed
-from replay.run.confirm import Verdict, audit_results
-from replay.run.results import read_results
+from replay.run.confirm import Confirmation, audit_results
+from replay.run.results import audit_document, read_results
 
 
 @reflowed
@@ -51,16 +52,16 @@ def _audit_file(voice: Voice, path: pathlib.Path) -> dict[str, Any]:
         voice.error(str(error))
         return {"file": str(path), "error": str(error), "passed": False, "paths": []}
     passed = all(verdict.report.passed and verdict.confirmed for verdict in verdicts)
-    reports = {verdict.name: verdict.report.to_dict() for verdict in verdicts}
+    reports = {verdict.name: verdict.report for verdict in verdicts}
     voice.show(f"{path}: {_sentence(verdicts)}", checks_table(reports))
     for verdict in verdicts:
         for sentence in (*verdict.report.failures, *verdict.differences):
             voice.error(f"{path}: {verdict.name}: {sentence}")
-    paths = [{"name": v.name, "audit": reports[v.name], "differences": v.differences} for v in verdicts]
+    paths = [{"name": v.name, "audit": plain(audit_document(v.report)), "differences": v.differences} for v in verdicts]
     return {"file": str(path), "error": None, "passed": passed, "paths": paths}
 
 
-def _sentence(verdicts: Sequence[Verdict]) -> str:
+def _sentence(verdicts: Sequence[Confirmation]) -> str:
     wrong = [verdict.name for verdict in verdicts if not verdict.report.passed]
     false = [verdict.name for verdict in verdicts if not verdict.confirmed]
     if not wrong and not false:

@@ -8,9 +8,8 @@ from cyclopts import Parameter
 from rich import box
 from rich.table import Table
 
-from replay.base.errors import printable
+from replay.base.errors import UsageError, printable
 from replay.cli.console import Common, Voice
-from replay.cli.options import UsageError
 from replay.cli.usage import ExitStatus, reflowed
 from replay.run.compare import QUANTITIES, Comparison, Pair, overlay, to_document
 from replay.run.compare import compare as compare_files

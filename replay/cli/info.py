@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import pathlib
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 from cyclopts import Parameter
@@ -15,12 +16,12 @@ from replay.cli.tables import channels_table, facts_table, gear_changes
 from replay.cli.usage import ExitStatus, reflowed
 from replay.logs import ReadOptions
 from replay.logs.container.folder import open_log
-from replay.logs.container.records import Log
+from replay.logs.container.log import Log
 from replay.logs.meaning.assemble import cases_of
-from replay.logs.meaning.topics import is_wanted
+from replay.logs.meaning.topics import Topic, is_wanted, topics_of
 from replay.logs.meaning.understood import uses
 from replay.run.case import Case
-from replay.run.results import scene_to_document
+from replay.run.plain import scene_to_document
 
 _HITCH = {
     "trailer path": "from the trailer's path",
@@ -64,9 +65,10 @@ def _describe(voice: Voice, path: pathlib.Path, options: ReadOptions) -> dict[st
     document: dict[str, Any] = {"log": str(path), "error": None, "lost": False, "channels": [], "cases": []}
     try:
         log = open_log(path, is_wanted)
-        document |= {"sha256": log.sha256, "lost": log.lost, "channels": _channels(log)}
+        topics = topics_of(log)
+        document |= {"sha256": log.sha256, "lost": log.lost, "channels": _channels(log, topics)}
         voice.show(f"{printable(path)}: {log.size} bytes, sha256 {log.sha256}", channels_table(document["channels"]))
-        for case in cases_of(log, options):
+        for case in cases_of(log, topics, options):
             document["cases"].append(_case_document(case))
             document["lost"] |= case.read.lost
             voice.show(facts_table(_facts(case)), "")
@@ -76,7 +78,7 @@ def _describe(voice: Voice, path: pathlib.Path, options: ReadOptions) -> dict[st
     return document
 
 
-def _channels(log: Log) -> list[dict[str, Any]]:
+def _channels(log: Log, topics: Sequence[Topic]) -> list[dict[str, Any]]:
     return [
         {
             "topic": channel.topic,
@@ -87,7 +89,7 @@ def _channels(log: Log) -> list[dict[str, Any]]:
             "read_as": use.role,
             "understood": use.text,
         }
-        for channel, use in zip(log.channels, uses(log), strict=True)
+        for channel, use in zip(log.channels, uses(log, topics), strict=True)
     ]
 
 

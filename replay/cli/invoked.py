@@ -18,6 +18,11 @@ def program(name: str = "replay") -> str:
     return str(beside)
 
 
+def recordings_to_paste(folder: pathlib.Path) -> str:
+    """A command line that opens every recording of a folder in one viewer, as a shell takes it."""
+    return f"{shlex.quote(program('rerun'))} {shlex.quote(str(folder))}/*.rrd"
+
+
 def to_paste(*words: str) -> str:
     """A command line of this program, as a shell takes it."""
     return shlex.join([program(), *words])

@@ -7,10 +7,11 @@ from cyclopts import Parameter
 from optim.methods import METHODS
 from optim.methods.chain import JOINT
 from optim.model.method import Method
+from replay.base.errors import UsageError, unknown
 from replay.cli.console import Common, Voice
-from replay.cli.options import Option, UsageError, options_of, summary_of
+from replay.cli.options import Option, options_of, summary_of
 from replay.cli.tables import options_table
-from replay.cli.usage import ExitStatus, reflowed, unknown
+from replay.cli.usage import ExitStatus, reflowed
 
 
 @reflowed

@@ -2,24 +2,23 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from cyclopts import Group, Parameter
 
 from optim.methods import METHODS
-from optim.model.objective import Weights
+from replay.base.errors import UsageError
 from replay.cli.console import Common, Voice
-from replay.cli.options import UsageError, flag_class, flags_of, options_of
+from replay.cli.flags import MethodFlags, WeightFlags
+from replay.cli.options import flag_class, options_of
+from replay.cli.origin import Origin, same_log
 from replay.cli.outputs import Outputs
 from replay.cli.reading import Reading
-from replay.cli.session import Origin, Session
+from replay.cli.session import Session
 from replay.cli.settings import (
-    WEIGHTS,
     Layer,
     RunOptions,
     Settings,
-    layer_of_assignments,
     layer_of_file,
     layer_of_flags,
     layer_of_results,
@@ -30,12 +29,8 @@ from replay.recording.viewer import LiveView, NoViewer, open_viewer
 from replay.run.results import read_results
 
 if TYPE_CHECKING:
-    MethodFlags: TypeAlias = Any
-    WeightFlags: TypeAlias = Any
     RunFlags: TypeAlias = Any
 else:
-    MethodFlags = flags_of(METHODS, "Options of {name}")
-    WeightFlags = flags_of({WEIGHTS: Weights()}, "Weights of the objective J")
     # names for the help and for completion; a chain is any text
     _NAMES = tuple[Literal[tuple(METHODS)] | str, ...] | None
     RunFlags = flag_class(
@@ -44,7 +39,6 @@ else:
     )
 
 _FLAT = Parameter(name="*")
-_List = Annotated[list[str] | None, Parameter(negative=())]
 
 
 @reflowed
@@ -57,7 +51,6 @@ def optimize(
     view: Annotated[bool, Parameter(negative=())] = False,
     viewer: str | None = None,
     config: pathlib.Path | None = None,
-    set_: Annotated[_List, Parameter(name="--set")] = None,
     from_: Annotated[pathlib.Path | None, Parameter(name="--from")] = None,
     common: Annotated[Common | None, _FLAT] = None,
     run: Annotated[RunFlags | None, _FLAT] = None,
@@ -67,7 +60,7 @@ def optimize(
 ) -> int:
     """Improve the recorded paths of logs; write a Rerun recording and a results file for each.
 
-    An option is what its flag says, else --set, else the configuration file, else its default.
+    An option is what its flag says, else the configuration file, else its default.
 
     Parameters
     ----------
@@ -88,41 +81,25 @@ def optimize(
     config
         TOML file with options: a table for each method, [weights] and [reading]; method, seed, recording, time_limit,
         memory_limit and jobs stand outside of tables.
-    set_
-        One option as GROUP.OPTION=VALUE, such as shortcut.tries=500, weights.cusp=7 or reading.margin=0.2; may be
-        given several times.
     from_
         Results file of an earlier run, which is run again: the same log, checked by its digest, with the same
         options. Options that are given besides replace those.
     """
     layers: list[Layer] = [] if config is None else [layer_of_file(config)]
-    layers += [layer_of_assignments(set_ or ()), layer_of_flags(run, reading, weights, options)]
+    layers.append(layer_of_flags(run, reading, weights, options))
     origin, inputs = None, list(logs or ())
     if from_ is not None:
         document = read_results(from_)
         layers.insert(0, layer_of_results(document, str(from_)))
         origin = Origin.of(document, from_)
-        inputs = [_same_log(inputs, document, from_)]
+        inputs = [same_log(inputs, document, from_)]
     if not inputs:
         raise UsageError(f"expected one or more logs, as in `{example('optimize')}`, or --from RESULTS")
     settings = settled(layers)
     voice = Voice(common or Common())
     outputs = Outputs(out, inputs, [from_] if from_ else [])
-    session = Session(
-        voice=voice,
-        methods=settings.methods,
-        read=settings.read,
-        weights=settings.weights,
-        seed=settings.run.seed,
-        export=export,
-        outputs=outputs,
-        live=_live(voice, view, viewer, settings),
-        recording=settings.run.recording,
-        limits=settings.run.limits,
-        jobs=settings.run.jobs,
-        origin=origin,
-        settings=settings.to_dict(),
-    )
+    live = _live(voice, view, viewer, settings)
+    session = Session(voice=voice, settings=settings, outputs=outputs, export=export, live=live, origin=origin)
     return session.run(inputs)
 
 
@@ -135,16 +112,3 @@ def _live(voice: Voice, view: bool, viewer: str | None, settings: Settings) -> L
     except NoViewer as error:
         voice.error(f"{error}; the run goes on without it")
         return None
-
-
-def _same_log(logs: list[pathlib.Path], document: Mapping[str, Any], source: pathlib.Path) -> pathlib.Path:
-    """The log of a results file: the one that was given, else where it was then, else beside the results file."""
-    if len(logs) > 1:
-        raise UsageError(f"--from repeats the run of one log, and {len(logs)} logs are given")
-    if logs:
-        return logs[0]
-    then = pathlib.Path(str(document["log"].get("path")))
-    for path in (then, source.parent / then, source.parent / then.name):
-        if path.is_file():
-            return path
-    raise UsageError(f"--from {source}: its log {then} is not there; give the log's place besides")

@@ -5,11 +5,10 @@ A method is a frozen dataclass whose fields, each with a docstring under it, are
 needs no line here.
 """
 
+import contextlib
 import dataclasses
 import math
-import pathlib
 import re
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
@@ -17,27 +16,10 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from cyclopts import CycloptsError, Group, Parameter, Token, convert, default_name_transform
 from docstring_parser import parse_from_object
 
-from replay.base.errors import ReplayError
-from replay.cli.usage import USAGE_ERROR
+from replay.base.errors import UsageError, printable
 
+_TOO_LARGE = 2**63
 _UNIT = re.compile(r"\[([^\[\]]+)\]")
-
-
-class UsageError(ReplayError):
-    """Arguments that cannot be used together, or a value out of its range."""
-
-    def __init__(self, message: str) -> None:
-        super().__init__(USAGE_ERROR, message)
-
-
-def read_toml(path: pathlib.Path, where: str) -> dict[str, Any]:
-    """The content of a TOML file; where: how the error begins. Raises UsageError."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"{where}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"{where}: not TOML: {error}") from error
 
 
 def _whole(kind: Any, tokens: Sequence[Token], unit: str = "") -> Any:
@@ -47,13 +29,12 @@ def _whole(kind: Any, tokens: Sequence[Token], unit: str = "") -> Any:
         is_fraction = float(token.value) % 1.0 != 0.0
     except ValueError:  # as 0x10, or no number
         is_fraction = False
-    try:
-        if not is_fraction:
-            return convert(kind, tokens)
-    except (CycloptsError, ValueError):
-        pass
+    with contextlib.suppress(CycloptsError, ValueError):
+        number = None if is_fraction else convert(kind, tokens)
+        if isinstance(number, int) and abs(number) < _TOO_LARGE:
+            return number
     expected = "a whole number" + (f" [{unit}]" if unit.strip("-") else "")
-    raise UsageError(f"{token.keyword} is {token.value}, expected {expected}")
+    raise UsageError(f"{token.keyword} is {printable(token.value, 40)}, expected {expected}")
 
 
 WholeNumber = Annotated[int, Parameter(converter=_whole)]
@@ -134,7 +115,7 @@ def flag_class(options: Iterable[Option], group: Group) -> type:
 
 @dataclasses.dataclass(frozen=True)
 class NotGiven:
-    """The default of every flag, so that a flag that was given can be told from one that was not."""
+    """The default of every flag, so that given flags can be distinguished from others."""
 
     default: Any
     """What the option has then."""

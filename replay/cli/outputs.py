@@ -5,7 +5,7 @@ import os
 import pathlib
 from collections.abc import Sequence
 
-from replay.cli.options import UsageError
+from replay.base.errors import UsageError
 from replay.run.case import Case
 
 

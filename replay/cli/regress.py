@@ -1,61 +1,53 @@
 """`replay regress`: every log of a corpus with every method, compared with a baseline; and `replay regress accept`."""
 
 import json
+import math
 import pathlib
-import sys
 from contextlib import AbstractContextManager, nullcontext
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from replay.base.errors import ReplayError
+from optim.methods import METHODS
+from replay.base.documents import plain
+from replay.base.errors import ReplayError, UsageError
 from replay.base.files import WRITE_ERROR
 from replay.base.numbers import count
-from replay.cli import drop_output
-from replay.cli.accepted import changes_for_people
-from replay.cli.against import tell_timing, time_against
+from replay.base.run_folder import SUMMARY_FILE
+from replay.base.schemas.timing import TimingDocument
 from replay.cli.console import Common, Voice
-from replay.cli.invoked import to_paste
-from replay.cli.optimize import MethodFlags, WeightFlags
-from replay.cli.options import UsageError, WholeNumber
+from replay.cli.flags import MethodFlags, WeightFlags
+from replay.cli.options import WholeNumber
 from replay.cli.reading import Reading
-from replay.cli.regress_plan import check_flags, settings_of
-from replay.cli.settings import RUN, Layer, layer_of_assignments, layer_of_file, layer_of_flags, method_names
-from replay.cli.usage import ExitStatus, reflowed
-from replay.regress.acceptance import Wanted, accepted
-from replay.regress.baseline import (
-    Baseline,
-    check_baseline,
-    default_baseline,
-    read_baseline,
-    write_baseline,
-)
+from replay.cli.regress_progress import RunProgress
+from replay.cli.regress_view import again, changes_of_baseline, commands, show_advice, show_conclusion, show_timing
+from replay.cli.settings import MOST_JOBS, RUN, Layer, layer_of_file, layer_of_flags, method_names, settled
+from replay.cli.usage import ExitStatus, drop_output, reflowed
+from replay.regress.acceptance import Selection, accept_run
+from replay.regress.baseline import baseline_file, check_baseline, write_baseline
 from replay.regress.cluster import CLUSTER_ERROR, check_address, connected
-from replay.regress.corpus import Known, find_corpus
+from replay.regress.corpus import Corpus, find_corpus, select
 from replay.regress.finish import FINISH_ERROR, finish
-from replay.regress.pool import run_here
-from replay.regress.running import Execute, Plan, carry_out, resumed, start
-from replay.regress.selection import select
-from replay.regress.settings import DIRTY, Recordings
-from replay.regress.store import Store
-from replay.regress.timing import check_version
-from replay.regress.work import Outcome
-from replay.report.history import SUMMARY
+from replay.regress.folder import RunFolder
+from replay.regress.job import Outcome
+from replay.regress.options import Options, Recordings
+from replay.regress.plan import Execute, Plan, carry_out, resumed, start
+from replay.regress.program import DIRTY
+from replay.regress.supervisor import run_here
+from replay.regress.timing import AGAINST_ERROR, check_version, time_against
+from replay.report.conclusion import Conclusion
+from replay.run.limits import Limits
 
 _FLAT = Parameter(name="*")
-_PARTIAL = ("--method", "--tag", "--only")
-"""Options that leave a part of the corpus out."""
-_FIRST_BASELINE = "baseline.json"
-"""The name that is proposed for the baseline of a corpus that is no folder, and has none yet."""
-_MOST_HINTS = 5
+_Words = Annotated[list[str] | None, Parameter(negative=())]
 _SHORT = (WRITE_ERROR, FINISH_ERROR, CLUSTER_ERROR)
-"""Errors that come when the work is done: it fell short, rather than that it could not be begun."""
+"""Errors that come when the work is done: the run fell short, rather than that it could not begin."""
 
 regress = App(
     name="regress",
     help_format="plaintext",
     help_epilogue="Exit status: 0 nothing is worse than the baseline; 1 something is worse, missing or crashed, or a"
-    " log is another one; 2 wrong usage; 3 logs could not be read of which nothing is known; 130 interrupted, --resume"
+    " log file changed; 2 wrong usage; 3 logs could not be read, unexpectedly; 130 interrupted, --resume"
     " does the rest.",
 )
 
@@ -66,9 +58,9 @@ def run(
     corpus: str,
     /,
     *,
-    method: Annotated[list[str] | None, Parameter(negative=())] = None,
-    tag: Annotated[list[str] | None, Parameter(negative=())] = None,
-    only: Annotated[list[str] | None, Parameter(negative=())] = None,
+    method: _Words = None,
+    tag: _Words = None,
+    only: _Words = None,
     baseline: pathlib.Path | None = None,
     out: pathlib.Path = pathlib.Path("runs"),
     resume: Annotated[bool, Parameter(negative=())] = False,
@@ -80,7 +72,6 @@ def run(
     time_limit: float = 120.0,
     memory_limit: WholeNumber = 4096,
     config: pathlib.Path | None = None,
-    set_: Annotated[list[str] | None, Parameter(name="--set", negative=())] = None,
     shuffle: WholeNumber | None = None,
     common: Annotated[Common | None, _FLAT] = None,
     reading: Annotated[Reading | None, _FLAT] = None,
@@ -125,39 +116,40 @@ def run(
         Memory that the process of a log, and that of its methods, may use [MiB].
     config
         TOML file with options, as for `replay optimize`.
-    set_
-        One option as GROUP.OPTION=VALUE, as for `replay optimize`; may be given several times.
     shuffle
         Work on the logs in the random order of this seed. Results do not depend on it.
     """
     voice = Voice(common or Common())
-    check_flags(time_limit, jobs)
+    if not 0.0 < time_limit < math.inf:
+        raise UsageError(f"--time-limit is {time_limit:g}, expected more than 0 s")
+    if not 1 <= jobs <= MOST_JOBS:
+        raise UsageError(f"--jobs is {jobs}, expected 1 to {MOST_JOBS}")
     if scheduler is not None:
         check_address(scheduler)
     found = find_corpus(corpus)
     limits: Layer = {RUN: {"time_limit": time_limit, "memory_limit": memory_limit}}
     given: Layer = {RUN: ({"method": tuple(method)} if method else {}) | ({} if seed is None else {"seed": seed})}
     layers = [limits] + ([] if config is None else [layer_of_file(config)])
-    layers += [layer_of_assignments(set_ or ()), given, layer_of_flags(None, reading, weights, options)]
-    settings, named = settings_of(layers, found, recordings)
+    layers += [given, layer_of_flags(None, reading, weights, options)]
+    chosen, named = _options(layers, found, recordings)
     logs, partial = select(found, named, tag or (), only or ())
-    compared_with = default_baseline(baseline, found.baseline)
-    check_baseline(compared_with, found)
+    compared_with = baseline_file(baseline, found.baseline)
+    check_baseline(compared_with, found.path, {log.name for log in found.logs})
     if against is not None:
         check_version(against)
     plan = Plan(
         corpus=found.path,
         logs=logs,
         known=found.known,
-        settings=settings,
+        options=chosen,
         baseline=compared_with,
         partial=partial,
         partial_methods=bool(named),
         shuffle=shuffle,
     )
     with _executor(voice, scheduler, jobs) as execute:
-        store = resumed(plan, out) if resume else start(plan, out)
-        return _carried_out(voice, plan, store, out, execute, against)
+        folder = resumed(plan, out) if resume else start(plan, out)
+        return _carried_out(voice, plan, folder, execute, against)
 
 
 @regress.command
@@ -167,8 +159,8 @@ def accept(
     /,
     *,
     baseline: pathlib.Path | None = None,
-    only: Annotated[list[str] | None, Parameter(negative=())] = None,
-    method: Annotated[list[str] | None, Parameter(negative=())] = None,
+    only: _Words = None,
+    method: _Words = None,
     common: Annotated[Common | None, _FLAT] = None,
 ) -> int:
     """Make a run the baseline: print every change against the present one, and write it.
@@ -187,37 +179,31 @@ def accept(
         Take over only this method's results, by name; several with commas between, or by giving this several times.
     """
     voice = Voice(common or Common())
-    store = Store(run)
-    head = store.head()
-    file = _to_write(run, head, baseline)
-    before = read_baseline(file) if file.exists() else Baseline()
-    known = [Known(**issue) for issue in head.get("known") or ()]
-    wanted = Wanted(logs=only or (), methods=list(method_names(method or ())))
-    done = accepted(before, store.documents(), known, head, wanted)
-    made, changes = done.baseline, done.changes
-    lost = sorted(before.logs.keys() - made.logs.keys())
-    voice.show(*changes_for_people(changes), *(f"out: {name}" for name in lost))
+    file, done = accept_run(run, baseline, Selection(logs=only or (), methods=list(method_names(method or ()))))
+    voice.show(*changes_of_baseline(done.changes), *(f"out: {name}" for name in done.lost))
     if done.kept:
-        voice.show(f"as it was: {count(done.kept, 'result')} of the baseline, by --only and --method")
-    write_baseline(file, made)
-    if DIRTY in made.revision:
-        voice.note(f"{made.revision}: its program is no commit's, so that nobody can make this baseline again")
-    extent = f"{count(len(made.logs), 'log')}; {count(len(changes), 'change')}, {count(len(lost), 'log')} out"
-    voice.show(f"wrote {file}: {extent}")
+        voice.show(f"unchanged: {count(done.kept, 'result')} of the baseline, left out by --only and --method")
+    write_baseline(file, done.baseline)
+    revision = done.baseline.revision
+    if DIRTY in revision:
+        voice.note(f"{revision}: made by a program with uncommitted changes, so this baseline cannot be reproduced")
+    extent = f"{count(len(done.baseline.logs), 'log')}; {count(len(done.changes), 'change')}"
+    voice.show(f"wrote {file}: {extent}, {count(len(done.lost), 'log')} out")
     about = {"schema": "replay.accept/1", "exit_status": 0, "baseline": str(file)}
-    voice.document(about | {"changes": changes, "out": lost, "kept": done.kept})
+    voice.document(about | {"changes": plain(done.changes), "out": list(done.lost), "kept": done.kept})
     return ExitStatus.OK
 
 
-def _to_write(run: pathlib.Path, head: dict[str, Any], baseline: pathlib.Path | None) -> pathlib.Path:
-    """The file that accepting a run writes. UsageError where the run is not fit to be a baseline."""
-    if head.get("partial"):
-        raise UsageError(f"{run}: a partial run ({head['partial']}) cannot become the baseline")
-    if not head.get("complete"):
-        raise UsageError(f"{run}: an unfinished run cannot become the baseline; --resume does the rest")
-    if baseline is None and not head.get("accept_to"):
-        raise UsageError(f"{run}: was compared with no file; name one: --baseline FILE")
-    return baseline or pathlib.Path(head["accept_to"])
+def _options(layers: list[Layer], corpus: Corpus, recordings: Recordings) -> tuple[Options, tuple[str, ...]]:
+    """The options of a run, and the methods that were asked for: else those that the corpus names, else all."""
+    made = settled(layers)
+    named = made.run.method or ()
+    if not named:
+        wanted = dict.fromkeys(name for log in corpus.logs for name in log.methods or METHODS)
+        made = settled([*layers, {RUN: {"method": tuple(wanted)}}])
+    limits = Limits(time_s=made.run.time_limit, by_processor=True, memory_mib=made.run.memory_limit)
+    about = {"methods": made.methods, "read": made.read, "weights": made.weights, "seed": made.run.seed}
+    return Options(**about, limits=limits, recordings=recordings), named
 
 
 def _executor(voice: Voice, scheduler: str | None, jobs: int) -> AbstractContextManager[Execute]:
@@ -226,107 +212,61 @@ def _executor(voice: Voice, scheduler: str | None, jobs: int) -> AbstractContext
     return nullcontext(lambda waiting: run_here(waiting, jobs))
 
 
-def _carried_out(
-    voice: Voice, plan: Plan, store: Store, out: pathlib.Path, execute: Execute, against: str | None
-) -> int:
-    """Do a run, or its rest, and say what came of it; the exit status."""
-    from replay.regress.bar import Bar
+def _carried_out(voice: Voice, plan: Plan, folder: RunFolder, execute: Execute, against: str | None) -> int:
+    """Do a run, or its rest, and show the verdict; the exit status."""
+    voice.note(f"{folder.path}: {count(len(plan.logs), 'log')}, {', '.join(plan.options.methods)}")
 
-    voice.note(f"{store.folder}: {count(len(plan.logs), 'log')}, {', '.join(plan.settings.methods)}")
-
-    def progress(outcome: Outcome | None, done: int, total: int) -> None:
+    def on_outcome(outcome: Outcome | None, done: int, total: int) -> None:
         if outcome is None and done:
             voice.note(f"{done} of {total} logs are done")
-        bar.outcome(outcome, done, total)
+        progress.outcome(outcome, done, total)
 
     try:
-        with Bar(voice.people, enabled=voice.wants_progress) as bar:
-            carry_out(plan, store, execute, progress)
-        timed = None if against is None else time_against(voice, plan, store, against)
-        said = finish(store.folder, out, _commands(plan, store))
+        with RunProgress(voice.people, enabled=voice.wants_progress) as progress:
+            carry_out(plan, folder, execute, on_outcome)
+        timing = None if against is None else _timed(voice, plan, folder, against)
+        found = finish(folder.path, folder.path.parent, commands(plan, folder))
     except KeyboardInterrupt:
-        voice.error(f"interrupted; what was finished is kept in {store.folder}")
-        voice.error(f"the rest: {_again()}")
+        voice.error(f"interrupted; what was finished is kept in {folder.path}")
+        voice.error(f"the rest: {again()}")
         return ExitStatus.INTERRUPTED
     except ReplayError as error:
         if error.code not in _SHORT:
             raise
         voice.error(str(error))
-        voice.error(f"the rest: {_again()}")
+        voice.error(f"the rest: {again()}")
         return ExitStatus.SHORT
-    status = ExitStatus.SHORT if against is not None and timed is None else _status(said)
+    status = ExitStatus.SHORT if against is not None and timing is None else _status(found)
     try:
-        _tell(voice, plan, store, said, status)
-        if timed is not None:
-            tell_timing(voice, str(against), timed)
-    except BrokenPipeError:  # who reads the first lines alone must not turn a regression into a success
+        show_conclusion(voice, folder, found)
+        voice.document(_document(folder, found, status) if voice.common.json else {})
+        show_advice(voice, plan, folder, found)
+        if timing is not None:
+            show_timing(voice, timing)
+    except BrokenPipeError:  # a reader of the first lines alone must not turn a regression into a success
         drop_output()
     return status
 
 
-def _tell(voice: Voice, plan: Plan, store: Store, said: Any, status: ExitStatus) -> None:
-    """Say what a run amounts to: the verdict first, what to do last."""
-    voice.show(said["headline"])
-    voice.show(*(f"  {line}" for line in said["failing"]))
-    if said["failing_more"]:
-        voice.show(f"  and {said['failing_more']} more")
-    voice.show(*(f"  known: {line}" for line in said["known"]), *(f"  {line}" for line in said["passing"]))
-    for line in (*said["unread"], *(f"left out: {line}" for line in said["damaged"])):
-        voice.error(line)
-    if said["other_options"]:
-        voice.note(said["other_options"])
-    for line in filter(None, (said["unwritten"], said["twice"])):
-        voice.note(line)
-    voice.show(f"report: {store.folder / 'report.html'}")
-    if voice.common.json:
-        document = {key: said[key] for key in ("headline", "failing", "known", "passing", "unread", "files")}
-        about = {"schema": "replay.regress/1", "exit_status": int(status), "run": str(store.folder)}
-        voice.document(about | document | {"summary": json.loads((store.folder / SUMMARY).read_text())})
-    for line in said["against_corpus"][:_MOST_HINTS]:
-        voice.note(f"{line}: if it is as it should be, change `expect` there; accepting the run does not help")
-    if said["state"] == "unjudged" or said["acceptable"]:
-        voice.note(_advice(plan, store, said["state"]))
+def _timed(voice: Voice, plan: Plan, folder: RunFolder, version: str) -> TimingDocument | None:
+    """Time this version and another one in turns; None, and a line that says why, where that fails."""
+    try:
+        with RunProgress(voice.people, enabled=voice.wants_progress, unit="pairs") as progress:
+            return time_against(plan, folder, version, progress.count)
+    except ReplayError as error:
+        if error.code != AGAINST_ERROR:
+            raise
+        voice.error(str(error))
+        return None
 
 
-def _status(said: Any) -> ExitStatus:
-    if said["state"] == "failed":
+def _status(found: Conclusion) -> ExitStatus:
+    if found.state == "failed":
         return ExitStatus.SHORT
-    return ExitStatus.PARTIAL if said["unread"] or said["damaged"] else ExitStatus.OK
+    return ExitStatus.PARTIAL if found.unread or found.damaged else ExitStatus.OK
 
 
-def _commands(plan: Plan, store: Store) -> dict[str, str]:
-    """What the reports give to paste."""
-    return {"accept": _accept(plan, store), "view": to_paste("view", str(store.folder))}
-
-
-def _accept(plan: Plan, store: Store) -> str:
-    """The command that makes a run the baseline; empty for a partial one."""
-    if plan.partial:
-        return ""
-    words = ["regress", "accept", str(store.folder)]
-    return to_paste(*words) if plan.baseline is not None else to_paste(*words, "--baseline", _FIRST_BASELINE)
-
-
-def _advice(plan: Plan, store: Store, state: str) -> str:
-    if plan.partial:
-        return f"a partial run ({plan.partial}) cannot become the baseline; the whole: {_whole()}"
-    why = "if this is as it should be" if state == "failed" else "there is no baseline yet; to make this run the one"
-    named = "" if plan.baseline is not None else f" (and name it from then on: --baseline {_FIRST_BASELINE})"
-    return f"{why}{named}: {_accept(plan, store)}"
-
-
-def _whole() -> str:
-    """This command without what makes its run partial."""
-    kept, words = list[str](), iter(sys.argv[1:])
-    for word in words:
-        flag, sign, value = word.partition("=")
-        if flag in (*_PARTIAL, "--set") and not sign:
-            value = next(words, "")
-        if flag in _PARTIAL or flag == "--resume" or (flag == "--set" and value.partition("=")[0].strip() == "method"):
-            continue
-        kept += [flag, value] if flag == "--set" else [word]
-    return to_paste(*kept)
-
-
-def _again() -> str:
-    return to_paste(*(word for word in sys.argv[1:] if word != "--resume"), "--resume")
+def _document(folder: RunFolder, found: Conclusion, status: ExitStatus) -> dict[str, object]:
+    lines = {key: getattr(found, key) for key in ("headline", "failing", "known", "passing", "unread", "files")}
+    about = {"schema": "replay.regress/1", "exit_status": int(status), "run": str(folder.path)}
+    return about | lines | {"summary": json.loads((folder.path / SUMMARY_FILE).read_text())}

@@ -5,14 +5,13 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from replay.base.documents import plain
 from replay.base.errors import ReplayError
 from replay.base.files import WRITE_ERROR
 from replay.cli.console import Common, Voice
 from replay.cli.usage import ExitStatus, reflowed
 from replay.report import make_report
-from replay.report.facts import state
-from replay.report.groups import failing_lines, groups
-from replay.report.model import RunData
+from replay.report.conclusion import Conclusion, conclude
 
 
 @reflowed
@@ -43,24 +42,23 @@ def report(
             raise
         voice.error(str(error))
         return ExitStatus.SHORT
-    status = _status(made.run)
-    voice.show(str(made.summary["headline"]))
-    lines, more = failing_lines(groups(made.run))
-    voice.show(*(f"  {line}" for line in lines))
-    if more:
-        voice.show(f"  and {more} more")
-    voice.show(*(f"wrote {path}" for path in made.files))
+    found = conclude(made)
+    status = _status(found)
+    voice.show(found.headline)
+    voice.show(*(f"  {line}" for line in found.failing))
+    if found.failing_more:
+        voice.show(f"  and {found.failing_more} more")
+    voice.show(*(f"wrote {file}" for file in found.files))
     for line in made.run.damaged:
         voice.error(f"left out: {line}")
-    if not made.run.complete:
+    if not found.complete:
         voice.note("the run is unfinished: the same `replay regress` with --resume does the rest")
-    files = [str(path) for path in made.files]
-    voice.document({"schema": "replay.report/1", "exit_status": int(status), "files": files, "summary": made.summary})
+    document = {"schema": "replay.report/1", "exit_status": int(status), "files": list(found.files)}
+    voice.document(document | {"summary": plain(made.summary)})
     return status
 
 
-def _status(run: RunData) -> ExitStatus:
-    if state(run) == "failed":
+def _status(found: Conclusion) -> ExitStatus:
+    if found.state == "failed":
         return ExitStatus.SHORT
-    unread = run.damaged or any(not error.expected for error in run.errors)
-    return ExitStatus.PARTIAL if unread or not run.complete else ExitStatus.OK
+    return ExitStatus.PARTIAL if found.damaged or found.unread or not found.complete else ExitStatus.OK

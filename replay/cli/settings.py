@@ -1,30 +1,32 @@
-"""What `replay optimize` is to do, from four places: its flags, `--set`, a configuration file, an earlier run.
+"""What `replay optimize` is to do, from three places: its flags, a configuration file, an earlier run.
 
 Each place gives a layer: group -> option -> value, for those options alone that it names. The groups are the methods
-by name, `weights`, `reading`, and the empty name for what concerns the whole run. Layers are merged, the more
+by name, `weights`, `reading`, and the empty name for what concerns the whole run. Layers are merged once, the more
 particular one on top; what none of them names has its default.
 """
 
-import dataclasses
 import math
 import pathlib
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import UnionType
-from typing import Any, Final, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Final, Union, get_args, get_origin
+
+import msgspec
 
 from optim.methods import METHODS
-from optim.methods.chain import named
 from optim.model.method import Method
 from optim.model.objective import Weights
 from optim.model.vehicle import Vehicle
-from replay.cli.options import Option, UsageError, given, options_of, read_toml, with_flags
+from replay.base.documents import DocumentError, Whole, convert, read_toml
+from replay.base.errors import UsageError, unknown
+from replay.base.schemas.results import ResultsDocument
+from replay.cli.options import Option, given, options_of, with_flags
 from replay.cli.reading import READING, read_options
-from replay.cli.usage import unknown
 from replay.logs import ReadOptions
-from replay.run.worker import Limits
+from replay.pipeline import method_named
+from replay.run.limits import Limits
 
 RUN: Final = ""
 WEIGHTS: Final = "weights"
@@ -37,7 +39,7 @@ MOST_JOBS: Final = 1024
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """What concerns the whole run."""
+    """Options of the whole run."""
 
     method: tuple[str, ...] | None = None
     """A method to run, by name; several with commas between, or by giving this several times. Names joined by +, as in
@@ -65,7 +67,7 @@ class RunOptions:
 
     @property
     def limits(self) -> Limits:
-        """Of one method."""
+        """Limits of one method."""
         return Limits(time_s=self.time_limit, memory_mib=self.memory_limit)
 
 
@@ -78,11 +80,6 @@ class Settings:
     """Those to run, in this order: methods and chains of methods."""
     read: ReadOptions
     weights: Weights
-
-    def to_dict(self) -> dict[str, Any]:
-        """What a results file holds of them beside the methods' options and the weights; see `layer_of_results`."""
-        limits = {"time_s": self.run.limits.time_s, "memory_mib": self.run.limits.memory_mib}
-        return {"reading": dataclasses.asdict(self.read), "limits": limits}
 
 
 @cache
@@ -114,7 +111,7 @@ def settled(layers: Iterable[Layer]) -> Settings:
     methods = {name: _method(name, plain, values[name], run.seed) for name, plain in METHODS.items()}
     return Settings(
         run=run,
-        methods=_chosen(run.method, methods),
+        methods={name: method_named(name, methods) for name in run.method or methods},
         read=read_options(values[READ]),
         weights=with_flags(Weights(), values[WEIGHTS], WEIGHTS),
     )
@@ -131,20 +128,6 @@ def _method(name: str, plain: Method, values: Mapping[str, Any], seed: int) -> M
     return with_flags(plain, {**common, **values}, name)
 
 
-def _chosen(names: Iterable[str] | None, methods: Mapping[str, Method]) -> dict[str, Method]:
-    """The named methods and chains of methods, in the order given, each once; all methods when none is named."""
-    return {name: _named(name, methods) for name in names or methods}
-
-
-def _named(name: str, methods: Mapping[str, Method]) -> Method:
-    try:
-        return named(name, methods)
-    except KeyError as error:
-        part = error.args[0]
-        where = "" if part == name else f"in {name!r}"
-        raise UsageError(unknown("method", part, methods, where)) from error
-
-
 def layer_of_flags(run: Any, reading: Any, weights: Any, methods: Any) -> Layer:
     """What was given as flags; each argument is an instance of the class of its flags, or None."""
     layer = {RUN: given(run), READ: given(reading)}
@@ -155,146 +138,104 @@ def layer_of_flags(run: Any, reading: Any, weights: Any, methods: Any) -> Layer:
     return layer
 
 
+# Configuration files.
+
+
+@cache
+def schema(group: str) -> type[msgspec.Struct]:
+    """The table of a group's options in a configuration file; of RUN, the whole file. All of it may be left out."""
+    fields: list[tuple[str, Any, Any]] = [
+        (option.name, _in_toml(option) | msgspec.UnsetType, msgspec.UNSET) for option in groups()[group].values()
+    ]
+    if group == RUN:
+        tables = [name for name in groups() if name != RUN]
+        fields += [(name, schema(name) | msgspec.UnsetType, msgspec.UNSET) for name in tables]
+    name = group.capitalize() or "Configuration"
+    return msgspec.defstruct(name, fields, frozen=True, kw_only=True, forbid_unknown_fields=True)
+
+
+def _in_toml(option: Option) -> Any:
+    """The type of an option's value in TOML and JSON."""
+    hint = option.hint
+    if get_origin(hint) in (Union, UnionType):
+        hint = next(kind for kind in get_args(hint) if kind is not type(None))
+    if get_origin(hint) is tuple:
+        return str | Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
+    return {int: Whole, pathlib.Path: str}.get(hint, hint)
+
+
 def layer_of_file(path: pathlib.Path) -> Layer:
     """A configuration file: TOML, a table for each group; what concerns the whole run stands outside of tables.
 
     Paths in it are relative to its folder. Raises UsageError for a file that cannot be read, for what is unknown, and
     for a value of a wrong type.
     """
-    where = f"--config {path}"
-    return _layer(read_toml(path, where), where, path.parent)
-
-
-def layer_of_assignments(assignments: Iterable[str]) -> Layer:
-    """What `--set GROUP.OPTION=VALUE` gives; a value is read as in TOML, else as text. Raises UsageError."""
-    layer: dict[str, dict[str, Any]] = {}
-    for assignment in assignments:
-        place, sign, text = (part.strip() for part in assignment.partition("="))
-        group, _, name = place.rpartition(".")
-        if not sign or not name:
-            example = "as in --set shortcut.tries=500 or --set weights.cusp=7"
-            raise UsageError(f"--set {assignment}: expected GROUP.OPTION=VALUE, {example}")
-        try:
-            value = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
-            value = text
-        one = _layer({group: {name: value}} if group else {name: value}, f"--set {assignment}", pathlib.Path())
-        for key, options in one.items():
-            layer[key] = {**layer.get(key, {}), **options}
-    return layer
-
-
-def _layer(content: Mapping[str, Any], where: str, folder: pathlib.Path) -> Layer:
-    """A layer from nested tables, every name known and every value of its option's type."""
-    layer: dict[str, dict[str, Any]] = {RUN: {}}
-    tables = [name for name in groups() if name != RUN]
-    for key, value in content.items():
-        if isinstance(value, Mapping):
-            if key not in tables:
-                raise UsageError(f"{where}: {unknown('table', key, tables)}")
-            layer[key] = dict(_option(key, *item, where) for item in value.items())
-        elif key in tables:
-            raise UsageError(f"{where}: {key} is {value!r}, expected a table of its options, as in [{key}]")
-        else:
-            name, checked = _option(RUN, key, value, where)
-            layer[RUN][name] = checked
+    try:
+        content = {key.replace("-", "_"): _undashed(value) for key, value in read_toml(path).items()}
+        found = _given(convert(content, schema(RUN)))
+    except DocumentError as error:
+        raise UsageError(f"--config {path}: {str(error).replace('an object', 'a table')}") from error
+    tables = {name: _given(table) for name, table in found.items() if name in groups()}
+    layer = tables | {RUN: {name: value for name, value in found.items() if name not in tables}}
+    method = layer[RUN].get("method")
+    if isinstance(method, str):
+        layer[RUN]["method"] = (method,)
     vehicle = layer.get(READ, {}).get("vehicle")
     if vehicle is not None:
-        layer[READ]["vehicle"] = folder / vehicle
+        layer[READ]["vehicle"] = path.parent / vehicle
     return layer
 
 
-def _option(group: str, key: str, value: Any, where: str) -> tuple[str, Any]:
-    """An option's name and value, with `-` and `_` alike in the name. Raises UsageError."""
-    known = groups()[group]
-    name = key.replace("-", "_")
-    if name not in known:
-        choices = list(known) if group else [*known, *(table for table in groups() if table)]
-        raise UsageError(f"{where}: {unknown('option', key, choices, f'of {group}' if group else '')}")
-    try:
-        return name, _as_type(value, known[name].hint)
-    except ValueError as error:
-        place = f"{group}.{key}" if group else key
-        raise UsageError(f"{where}: {place} is {value!r}, expected {error}") from None
+def _undashed(value: Any) -> Any:
+    """A table with _ for each - in its keys: both are alike."""
+    return {key.replace("-", "_"): entry for key, entry in value.items()} if isinstance(value, dict) else value
 
 
-_EXPECTED: Final = {
-    float: "a number",
-    int: "a whole number",
-    bool: "true or false",
-    str: "a text",
-    pathlib.Path: "the name of a file",
-}
+def _given(table: msgspec.Struct) -> dict[str, Any]:
+    return {name: value for name, value in msgspec.structs.asdict(table).items() if value is not msgspec.UNSET}
 
 
-def _as_type(value: Any, hint: Any) -> Any:
-    """A value of TOML or JSON as one of an option's type. ValueError with what was expected."""
-    if get_origin(hint) in (Union, UnionType):
-        hint = next(kind for kind in get_args(hint) if kind is not type(None))
-    if get_origin(hint) is Literal:
-        if value not in get_args(hint) or isinstance(value, bool):
-            raise ValueError(" or ".join(map(repr, get_args(hint))))
-        return value
-    if get_origin(hint) is tuple:
-        names = [value] if isinstance(value, str) else value
-        if not isinstance(names, (list, tuple)) or not names or not all(isinstance(name, str) for name in names):
-            raise ValueError("a name or a list of names")
-        return tuple(names)
-    if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        try:
-            return float(value)
-        except OverflowError:  # of more than 308 digits
-            raise ValueError(_EXPECTED[float]) from None
-    if hint is pathlib.Path and isinstance(value, str):
-        return pathlib.Path(value)
-    if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
-        raise ValueError(_EXPECTED[hint])
-    return value
+# An earlier run.
 
 
-def layer_of_results(document: Mapping[str, Any], source: str) -> Layer:
+def layer_of_results(document: ResultsDocument, source: str) -> Layer:
     """All options that a results file was made with. Raises UsageError where it does not hold them.
 
     Options that the file does not know yet have their defaults.
     """
-    tool = document["tool"]
-    where = f"--from {source}"
-    options = tool.get("options")
-    reading, limits = tool.get("reading"), tool.get("limits")
-    if not all(isinstance(part, Mapping) for part in (options, reading, limits)):
-        raise UsageError(f"{where}: it does not hold the options of its run (tool.options, reading and limits)")
-    ran = [method["name"] for method in document["methods"]]
-    layer: dict[str, dict[str, Any]] = {RUN: {"method": (*ran, *(name for name in options if name not in ran))}}
-    layer[RUN]["seed"] = _option(RUN, "seed", tool.get("seed"), where)[1]
-    for limit, stored in (("time_limit", "time_s"), ("memory_limit", "memory_mib")):
-        if limits.get(stored) is not None:
-            layer[RUN][limit] = _option(RUN, limit, limits[stored], where)[1]
-    known = {name: value for name, value in reading.items() if name != "vehicle" and value is not None}
-    layer[READ] = {name: _option(READ, name, value, where)[1] for name, value in known.items()}
-    if reading.get("vehicle") is not None:
-        layer[READ]["vehicle"] = _vehicle(reading["vehicle"], where)
-    layer[WEIGHTS] = {name: _option(WEIGHTS, name, value, where)[1] for name, value in document["weights"].items()}
-    for name, values in _by_method(options, where):
-        found = {key: _option(name, key, value, where)[1] for key, value in values.items() if value is not None}
-        if layer.setdefault(name, found) != found:
-            raise UsageError(f"{where}: it holds two sets of options for {name}, one alone and one in a chain")
+    tool, where = document.tool, f"--from {source}"
+    if tool.reading is msgspec.UNSET or tool.limits is msgspec.UNSET:
+        raise UsageError(f"{where}: it does not hold the options of its run (tool.reading and tool.limits)")
+    ran = [method.name for method in document.methods]
+    run = {"method": (*ran, *(name for name in tool.options if name not in ran)), "seed": tool.seed}
+    limits = {"time_limit": tool.limits.time_s, "memory_limit": tool.limits.memory_mib}
+    layer = {RUN: run | {name: value for name, value in limits.items() if value is not None}}
+    try:
+        reading = {name: value for name, value in tool.reading.items() if name != "vehicle"}
+        layer[READ] = _stored(READ, reading, "tool.reading")
+        if tool.reading.get("vehicle") is not None:
+            layer[READ]["vehicle"] = convert(tool.reading["vehicle"], Vehicle, "tool.reading.vehicle", exact=True)
+        layer[WEIGHTS] = _stored(WEIGHTS, document.weights, WEIGHTS)
+        for name, values in _by_method(tool.options):
+            found = _stored(name, values, f"tool.options.{name}")
+            if layer.setdefault(name, found) != found:
+                raise DocumentError(f"it holds two sets of options for {name}, one alone and one in a chain")
+    except DocumentError as error:
+        raise UsageError(f"{where}: {error}") from error
     return layer
 
 
-def _by_method(options: Mapping[str, Any], where: str) -> Iterable[tuple[str, Mapping[str, Any]]]:
-    """The options of each method, those of a chain's parts too."""
+def _stored(group: str, values: Any, at: str) -> dict[str, Any]:
+    """The options of a group as a results file has them: null where one is not set. Raises DocumentError."""
+    if not isinstance(values, Mapping):
+        raise DocumentError(f"{at} is {values!r}, expected an object")
+    return _given(convert({name: value for name, value in values.items() if value is not None}, schema(group), at))
+
+
+def _by_method(options: Mapping[str, Mapping[str, Any]]) -> Iterable[tuple[str, Any]]:
+    """The options of each method, those of a chain's parts too. Raises DocumentError."""
     for name, values in options.items():
-        parts = {name: values} if name in METHODS else values
-        if not isinstance(parts, Mapping) or not all(isinstance(part, Mapping) for part in parts.values()):
-            raise UsageError(f"{where}: the options of {name!r} are no table")
-        for part in parts:
+        for part, own in ({name: values} if name in METHODS else values).items():
             if part not in METHODS:
-                raise UsageError(f"{where}: {unknown('method', part, METHODS)}")
-        yield from parts.items()
-
-
-def _vehicle(values: Any, where: str) -> Vehicle:
-    try:
-        return Vehicle(**values)
-    except (TypeError, ValueError) as error:
-        raise UsageError(f"{where}: its vehicle cannot be used: {error}") from error
+                raise DocumentError(unknown("method", part, METHODS, f"in tool.options.{name}"))
+            yield part, own

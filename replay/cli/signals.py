@@ -1,4 +1,4 @@
-"""Being told to end: SIGTERM and SIGHUP end a command as Ctrl-C does: it tidies up, and has a status of its own."""
+"""Handle SIGTERM and SIGHUP like Ctrl-C; exit with 128 + signal."""
 
 import contextlib
 import dataclasses

@@ -8,8 +8,10 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from optim.audit.report import AuditReport, Check
+from optim.model.metrics import Metrics
 from replay.base.errors import printable
-from replay.run.judge import AS_GOOD, Run
+from replay.run.outcome import AS_GOOD, Run
 
 _STYLE_OF_STATUS = {"improved": "green", "kept": "yellow", "failed": "red"}
 
@@ -18,15 +20,15 @@ def verdict(run: Run) -> str:
     """One sentence: what the best method gained."""
     best, before = run.best, run.recorded_metrics
     if best is None:
-        return f"{run.case.name}: nothing better than the recorded path was found (J {before['objective']:.2f})"
+        return f"{run.case.name}: nothing better than the recorded path was found (J {before.objective:.2f})"
     after = best.metrics
-    saved = 1.0 - after["objective"] / before["objective"]
-    gains = [f"J {after['objective']:.2f} instead of {before['objective']:.2f}"]
-    gains.append(f"{after['length']:.2f} m instead of {before['length']:.2f} m")
-    if after["cusps"] != before["cusps"]:
-        gains.append(f"{gear_changes(after['cusps'])} instead of {before['cusps']:.0f}")
-    if not run.recorded_audit["passed"]:
-        return f"{run.case.name}: {best.name} is sound, the recorded path is not: {', '.join(gains)}"
+    saved = 1.0 - after.objective / before.objective
+    gains = [f"J {after.objective:.2f} instead of {before.objective:.2f}"]
+    gains.append(f"{after.length:.2f} m instead of {before.length:.2f} m")
+    if after.cusps != before.cusps:
+        gains.append(f"{gear_changes(after.cusps)} instead of {before.cusps:.0f}")
+    if not run.recorded_audit.passed:
+        return f"{run.case.name}: the recorded path fails the audit, {best.name}'s passes: {', '.join(gains)}"
     share = f"{saved:.1%}" if saved >= 0.001 else "less than 0.1%"
     return f"{run.case.name}: {best.name} is {share} better: {', '.join(gains)}"
 
@@ -35,17 +37,17 @@ def remarks(run: Run) -> list[str]:
     """Whether the path to drive is safe, and which methods' paths are as good."""
     best, required = run.best, run.case.problem.required_clearance
     if best is None:
-        passes = "passes the audit" if run.recorded_audit["passed"] else "does not pass the audit"
+        passes = "passes the audit" if run.recorded_audit.passed else "does not pass the audit"
         return [f"the recorded path stands: it {passes}, {_clearance(run.recorded_metrics)}"]
-    asked = "" if math.isinf(best.metrics["min_clearance"]) else f" (required {required:.3f} m)"
+    asked = "" if math.isinf(best.metrics.min_clearance) else f" (required {required:.3f} m)"
     lines = [f"safe: it passes the audit, {_clearance(best.metrics)}{asked}"]
     if run.as_good:
-        lines.append(f"as good within {AS_GOOD:.1%}: {', '.join(method.name for method in run.as_good)}")
+        lines.append(f"equally good (within {100.0 * AS_GOOD:g} %): {', '.join(method.name for method in run.as_good)}")
     return lines
 
 
-def _clearance(metrics: Mapping[str, float]) -> str:
-    value = metrics["min_clearance"]
+def _clearance(metrics: Metrics) -> str:
+    value = metrics.min_clearance
     return "no obstacles" if math.isinf(value) else f"clearance {value:.3f} m"
 
 
@@ -80,13 +82,11 @@ def reasons(run: Run) -> list[str]:
 
 def recorded_failures(run: Run) -> list[str]:
     """One line for each check of the audit that the recorded path does not pass."""
-    checks = run.recorded_audit["checks"].items()
-    failed = [(name, check["sentence"]) for name, check in checks if not check["passed"]]
-    return [f"the recorded path does not pass the audit: {name}: {sentence}" for name, sentence in failed]
+    return [f"the recorded path does not pass the audit: {failure}" for failure in run.recorded_audit.failures]
 
 
-def checks_table(reports: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Audit reports, as plain data, by the name of the path: every number that is checked, and its limit."""
+def checks_table(reports: Mapping[str, AuditReport]) -> Table:
+    """Audit reports by the name of the path: every number that is checked, and its limit."""
     table = _table("check", "what")
     for name in reports:
         table.add_column(printable(name, 20), justify="right", no_wrap=True)
@@ -94,23 +94,23 @@ def checks_table(reports: Mapping[str, Mapping[str, Any]]) -> Table:
     limits = {
         (check, key): limit
         for report in reports.values()
-        for check, outcome in report["checks"].items()
-        for key, limit in (outcome["limits"] or {"": None}).items()
+        for check, outcome in report.checks.items()
+        for key, limit in (outcome.limits or {"": None}).items()
     }
     for (check, key), limit in limits.items():
-        cells = [_check_cell(report["checks"].get(check), key) for report in reports.values()]
+        cells = [_check_cell(report.checks.get(check), key) for report in reports.values()]
         sign = "≥" if check in ("clearance", "boundary") else "≤"
-        table.add_row(check, _quantity(key), *cells, "" if limit is None else f"{sign}{limit:.3g}")
+        table.add_row(check, _quantity(key), *cells, "" if limit is None or math.isnan(limit) else f"{sign}{limit:.3g}")
     return table
 
 
-def _check_cell(outcome: Mapping[str, Any] | None, key: str) -> Text:
+def _check_cell(check: Check | None, key: str) -> Text:
     """What was found; marked where the check failed."""
-    if outcome is None:
+    if check is None:
         return Text("not made", style="red")
-    value = outcome["values"].get(key)
-    found = ("passed" if outcome["passed"] else "") if value is None else f"{value:.3g}"
-    return Text(found) if outcome["passed"] else Text(f"FAILED {found}".rstrip(), style="red")
+    value = check.values.get(key, math.nan)
+    found = f"{value:.3g}" if math.isfinite(value) else "passed" if check.passed else ""
+    return Text(found) if check.passed else Text(f"FAILED {found}".rstrip(), style="red")
 
 
 def _quantity(key: str) -> str:
@@ -165,17 +165,17 @@ def _bare_table() -> Table:
     return Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
 
 
-def _metrics_cells(metrics: Mapping[str, float]) -> list[str]:
+def _metrics_cells(metrics: Metrics) -> list[str]:
     """The cells of one path, in the order of `result_table`."""
     return [
-        f"{metrics['objective']:.2f}",
-        f"{metrics['length']:.2f}",
-        f"{metrics['cusps']:.0f}",
-        *(f"{math.degrees(metrics[key]):.1f}" for key in ("max_abs_phi", "max_abs_alpha")),
-        f"{math.degrees(metrics['steering_variation']):.0f}",
-        "free" if math.isinf(metrics["min_clearance"]) else f"{metrics['min_clearance']:.3f}",
+        f"{metrics.objective:.2f}",
+        f"{metrics.length:.2f}",
+        f"{metrics.cusps:.0f}",
+        *(f"{math.degrees(getattr(metrics, key)):.1f}" for key in ("max_abs_phi", "max_abs_alpha")),
+        f"{math.degrees(metrics.steering_variation):.0f}",
+        "free" if math.isinf(metrics.min_clearance) else f"{metrics.min_clearance:.3f}",
     ]
 
 
 def _recorded_status(run: Run) -> Text:
-    return Text("") if run.recorded_audit["passed"] else Text("not sound", style="red")
+    return Text("") if run.recorded_audit.passed else Text("not sound", style="red")

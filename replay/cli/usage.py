@@ -1,16 +1,15 @@
 """Exit statuses, and words for arguments that cannot be used."""
 
-import difflib
 import enum
 import inspect
-from collections.abc import Callable, Iterable, Sequence
+import os
+import sys
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from replay.cli.invoked import to_paste
 
 Command = TypeVar("Command", bound=Callable[..., int])
-USAGE_ERROR = "E_USAGE"
-"""Code of errors in what was asked for, to which the help has the answer."""
 
 
 class ExitStatus(enum.IntEnum):
@@ -28,13 +27,9 @@ class ExitStatus(enum.IntEnum):
     """Stopped by Ctrl-C; what was finished is kept. Stopped by SIGTERM or SIGHUP it is 143 or 129 (`cli.signals`)."""
 
 
-def unknown(kind: str, word: str, choices: Iterable[str], where: str = "") -> str:
-    """One sentence about a word that is not among the choices: where it stands, the nearest of them, all of them."""
-    choices = list(choices)
-    nearest = difflib.get_close_matches(word, choices, n=1)
-    guess = f" Did you mean {nearest[0]!r}?" if nearest else ""
-    place = f" {where}" if where else ""
-    return f"unknown {kind} {word!r}{place}.{guess} There are: {', '.join(choices)}"
+def drop_output() -> None:
+    """Discard what is still to be written on standard output, also when Python ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def reflowed(command: Command) -> Command:
@@ -59,7 +54,6 @@ _EXAMPLES = {
     "vehicle": "vehicle > truck.toml",
     "audit": "audit out/bay_01.results.json",
     "report": "report runs/RUN",
-    "view": "view runs/RUN",
     "regress": "regress recordings",
     "regress accept": "regress accept runs/RUN",
     "compare": "compare before/bay_01.results.json after/bay_01.results.json",

@@ -7,14 +7,14 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from optim.model.vehicle import Vehicle
-from replay.base.errors import printable
+from replay.base.errors import UsageError, printable
 from replay.cli.console import Common, Voice
-from replay.cli.options import UsageError, options_of
-from replay.cli.reading import read_vehicle
+from replay.cli.options import options_of
 from replay.cli.usage import ExitStatus, reflowed
 from replay.logs.container.folder import open_log
 from replay.logs.meaning.topics import is_wanted
 from replay.logs.meaning.vehicle import vehicle_in
+from replay.run.vehicle_file import read_vehicle
 
 _DEFAULT = "default"
 _KEYS = options_of(Vehicle())

@@ -2,8 +2,8 @@
 
 For each method two topics with one `nav_msgs/msg/Path` for each request, `/replay/<method>/path` of the truck's rear
 axle and `/replay/<method>/trailer_path` of the trailer's axle, in the frame and at the log time of the recorded path.
-A method that kept the recorded path has that one; a method that failed has none. The metadata record `replay` says
-what became of each.
+A method that kept the recorded path has that one; a method that failed has none. The metadata record `replay` holds
+the status of each method.
 """
 
 import json
@@ -13,7 +13,7 @@ import pathlib
 import re
 import struct
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -27,15 +27,13 @@ from replay.logs.container.folder import open_log
 from replay.logs.container.scan import scan
 from replay.logs.meaning.topics import EXPORTED
 from replay.logs.messages.ros2_definitions import PATH as DEFINITION
-
-if TYPE_CHECKING:
-    from replay.run.judge import MethodRun, Run
+from replay.run.outcome import MethodRun, Run
 
 PATH: Final = "nav_msgs/msg/Path"
 _SECOND: Final = 1_000_000_000
 
 
-def write_export(runs: Sequence["Run"], path: str | os.PathLike[str]) -> None:
+def write_export(runs: Sequence[Run], path: str | os.PathLike[str]) -> None:
     """Write the runs of one log into a copy of it.
 
     A file is written under a temporary name and read back before it gets its name. Raises LogError (E_EXPORT) where
@@ -61,7 +59,7 @@ def write_export(runs: Sequence["Run"], path: str | os.PathLike[str]) -> None:
 
 
 def topic_names(methods: Sequence[str]) -> dict[str, str]:
-    """Where the paths of each method are; names that ROS allows, so that A+B becomes A_B."""
+    """Topic prefix of each method's paths, as ROS names allow: A+B becomes A_B."""
     names: dict[str, str] = {}
     for method in methods:
         name = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", method)).strip("_") or "method"
@@ -71,7 +69,7 @@ def topic_names(methods: Sequence[str]) -> dict[str, str]:
     return names
 
 
-def _topics(runs: Sequence["Run"]) -> list[NewTopic]:
+def _topics(runs: Sequence[Run]) -> list[NewTopic]:
     methods = list(dict.fromkeys(method.name for run in runs for method in run.methods))
     found = []
     for method, topic in topic_names(methods).items():
@@ -83,7 +81,7 @@ def _topics(runs: Sequence["Run"]) -> list[NewTopic]:
     return found
 
 
-def _message(run: "Run", method: "MethodRun", body: int) -> tuple[int, bytes]:
+def _message(run: Run, method: MethodRun, body: int) -> tuple[int, bytes]:
     """Log time and payload of a path: of the truck (`body` 0) or of the trailer (1)."""
     case = run.case
     poses = axle_poses(case.problem.vehicle, method.path.samples.states)[:, body]

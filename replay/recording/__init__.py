@@ -1,7 +1,7 @@
 """A run as a Rerun recording, with its blueprint in the same file. Only this package knows Rerun.
 
 Timelines: `progress` (0 to 1000, gear changes aligned where the paths have as many; every view lives on it),
-`arc_cm` (distance driven, cm), `iteration` (0 for the start, then one step for each iterate a method told of).
+`arc_cm` (distance driven, cm), `iteration` (0 for the start, then one step for each iterate).
 Entities, with <path> = recorded or a method's name (- for a chain's +):
 
     /scene/map, obstacles, ends, scale, legend                           static
@@ -18,30 +18,24 @@ Entities, with <path> = recorded or a method's name (- for a chain's +):
 """
 
 import pathlib
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 from replay.base.errors import ReplayError
 from replay.base.files import atomic_write
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from replay.base.style import Style
-    from replay.run.judge import Run
+from replay.base.style import Style
+from replay.run.outcome import Run
 
 __all__ = ["prepare", "write_recording"]
 
 
 def prepare() -> None:
     """Load what writes recordings ahead of the first one; that takes a second."""
-    import rerun as rr
+    from replay.recording.writing import warm_up  # imports rerun: 1 s
 
-    import replay.recording.writing  # noqa: F401 - with all that it imports
-
-    rr.Transform3D(mat3x3=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])  # pyarrow loads pandas, if it is there
+    warm_up()
 
 
-def write_recording(run: "Run", path: pathlib.Path, looks: "Mapping[str, Style] | None" = None) -> None:
+def write_recording(run: Run, path: pathlib.Path, looks: Mapping[str, Style] | None = None) -> None:
     """Write the run as one .rrd file that opens on its verdict. `looks` are styles by method, if not their own.
 
     The file is written under a temporary name, read back, and only then gets its name: a file of that name is

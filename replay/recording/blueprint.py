@@ -74,7 +74,7 @@ def _of(track: Track, *parts: str) -> list[str]:
 
 
 def everything() -> rrb.TimeAxis:
-    """All of the timeline: unless told so, the viewer shows 1000 steps either side of the cursor."""
+    """All of the timeline: by default, the viewer shows 1000 steps either side of the cursor."""
     whole = rr.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
     return rrb.TimeAxis(view_range=whole)
 
@@ -150,9 +150,9 @@ def _side_by_side(content: Content) -> rrb.Grid:
 def _panel_title(track: Track) -> str:
     if track.is_own:
         metrics = track.metrics
-        free = metrics["min_clearance"]
+        free = metrics.min_clearance
         clear = f"clear by {number(free)} m" if math.isfinite(free) else "no obstacles"
-        return f"{track.style.label}: J {number(metrics['objective'], 1)}, {number(metrics['length'], 1)} m, {clear}"
+        return f"{track.style.label}: J {number(metrics.objective, 1)}, {number(metrics.length, 1)} m, {clear}"
     rejected = track.run is not None and track.run.rejected is not None
     return f"{track.style.label}: " + (
         "rejected by the audit" if rejected else f"{track.status}; the recorded path stands"
@@ -216,7 +216,7 @@ def _residuals(content: Content) -> rrb.Vertical:
 
 
 def _with_room(plot: Plot) -> Plot:
-    """Of its height, a part for a legend of up to four names."""
+    """Share of the height for a legend of up to four names."""
     if plot.y_range is None:
         return plot
     low, high = plot.y_range

@@ -1,15 +1,16 @@
 """The plots over a method's iterations: J, what decided convergence, trust region, time inside a foreign solver.
 
-A trial that was turned down moves nothing: the plot of J goes on at the level of the path that stands, with a mark.
+A rejected trial moves nothing: the plot of J goes on at the level of the path that stands, with a mark.
 """
 
 import math
-from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable
+from typing import Final, NamedTuple
 
 import numpy as np
 import rerun as rr
 
+from optim.model.result import IterateRecord
 from optim.numerics.arrays import Array
 from replay.base.style import ALARM, Colour
 from replay.recording.entities import entity
@@ -20,7 +21,15 @@ from replay.recording.tracks import PROGRESS, Track
 _LEAST_VIOLATION: Final = 1e-6  # what is smaller is drawn as this: a logarithm has no 0
 _LEAST_RESIDUAL: Final = 1e-3  # likewise: how far below its tolerance a residual lies is no news
 
-_Row = Mapping[str, Any]  # one iterate of a history, see `replay.run.judge.MethodRun.history`
+
+class _Row(NamedTuple):
+    """One iterate of a history as it is plotted."""
+
+    iterate: IterateRecord
+    violation: float
+    """NaN where the method never violates anything."""
+    standing: float
+    """J of the path that stands after the iterate."""
 
 
 class Curve(NamedTuple):
@@ -30,7 +39,7 @@ class Curve(NamedTuple):
     iterations: list[int]
     values: Array
     turned_down: list[bool]
-    """Which values are of trials that were turned down."""
+    """Which values belong to rejected trials."""
 
 
 class Level(NamedTuple):
@@ -46,7 +55,7 @@ class Plot(NamedTuple):
     """One plot and what is in it."""
 
     parts: tuple[str, ...]
-    """Of its entity path."""
+    """Parts of its entity path."""
     title: str
     curves: list[Curve]
     level: Level | None = None
@@ -55,10 +64,10 @@ class Plot(NamedTuple):
 
 def main_plots(tracks: list[Track]) -> list[Plot]:
     """J, and of the rest what there are data for."""
-    style, before = tracks[0].style, float(tracks[0].metrics["objective"])
-    solver = _plot(tracks, ("solver_ms",), "Time in the solver [ms]", lambda row: 1e3 * row["solver_s"])
+    style, before = tracks[0].style, tracks[0].metrics.objective
+    solver = _plot(tracks, ("solver_ms",), "Time in the solver [ms]", lambda row: 1e3 * row.iterate.solver_s)
     found = [
-        _plot(tracks, ("objective",), "Objective J [-]", lambda row: row["standing"])._replace(
+        _plot(tracks, ("objective",), "Objective J [-]", lambda row: row.standing)._replace(
             level=Level(style.label, before, style.colour, 3.0)
         ),
         _residual(tracks, ("largest_residual_log10",), "Largest residual", _largest),
@@ -66,9 +75,11 @@ def main_plots(tracks: list[Track]) -> list[Plot]:
             tracks,
             ("violation_log10",),
             "Constraint violation, log10",
-            lambda row: _log10(row["violation"], _LEAST_VIOLATION),
+            lambda row: _log10(row.violation, _LEAST_VIOLATION),
         ),
-        _plot(tracks, ("trust_region_log10",), "Trust region / first, log10", lambda row: _log10(row["trust_region"])),
+        _plot(
+            tracks, ("trust_region_log10",), "Trust region / first, log10", lambda row: _log10(row.iterate.trust_region)
+        ),
         solver._replace(y_range=(0.0, 1.1 * float(_values(solver).max()))),
     ]
     return [plot for plot in found if plot.curves]
@@ -76,11 +87,11 @@ def main_plots(tracks: list[Track]) -> list[Plot]:
 
 def residual_plots(tracks: list[Track]) -> list[Plot]:
     """The residuals one by one, in the order in which the methods name them; none where there is only one."""
-    names = dict.fromkeys(name for track in tracks for row in _history(track) for name in row["residuals"])
+    names = dict.fromkeys(name for track in tracks for row in _history(track) for name in row.iterate.residuals)
 
     def plot(name: str) -> Plot:
         return _residual(
-            tracks, ("residuals_log10", name), name, lambda row: row["residuals"].get(name, math.nan)
+            tracks, ("residuals_log10", name), name, lambda row: row.iterate.residuals.get(name, math.nan)
         )._replace(title=name)  # the tab says what they are: titles must be short
 
     found = [plot(name) for name in names] if len(names) > 1 else []
@@ -95,8 +106,8 @@ def _residual(tracks: list[Track], parts: tuple[str, ...], title: str, value: Ca
 
 
 def _accepted(tracks: list[Track], parts: tuple[str, ...], title: str, value: Callable[[_Row], float]) -> Plot:
-    """What trials that were turned down say nothing about."""
-    return _plot(tracks, parts, title, lambda row: value(row) if row["accepted"] else math.nan)
+    """A plot of accepted iterates alone: rejected trials say nothing about it."""
+    return _plot(tracks, parts, title, lambda row: value(row) if row.iterate.accepted else math.nan)
 
 
 def _plot(tracks: list[Track], parts: tuple[str, ...], title: str, value: Callable[[_Row], float]) -> Plot:
@@ -105,9 +116,9 @@ def _plot(tracks: list[Track], parts: tuple[str, ...], title: str, value: Callab
     for track in tracks:
         rows = [(row, y) for row in _history(track) if math.isfinite(y := value(row))]
         if rows:
-            numbers = [int(row["iteration"]) for row, _ in rows]
+            numbers = [row.iterate.iteration for row, _ in rows]
             values = np.array([y for _, y in rows])
-            curves.append(Curve(track, numbers, values, [not row["accepted"] for row, _ in rows]))
+            curves.append(Curve(track, numbers, values, [not row.iterate.accepted for row, _ in rows]))
     return Plot(("solver", *parts), title, curves)
 
 
@@ -117,19 +128,18 @@ def _values(plot: Plot) -> Array:
 
 
 def _history(track: Track) -> list[_Row]:
-    """A method's history, with the J that stands after each iterate; a violation that never occurs is none."""
-    history = track.run.history if track.run is not None else []
-    none = {} if any(row["violation"] > 0.0 for row in history) else {"violation": math.nan}
+    history = track.run.history if track.run is not None else ()
+    violates = any(iterate.violation > 0.0 for iterate in history)
     rows, standing = [], math.nan
-    for row in history:
-        standing = row["objective"] if row["accepted"] else standing
-        rows.append(row | none | {"standing": standing})
+    for iterate in history:
+        standing = iterate.objective if iterate.accepted else standing
+        rows.append(_Row(iterate, iterate.violation if violates else math.nan, standing))
     return rows
 
 
 def _largest(row: _Row) -> float:
     """The residual that keeps an iterate from having converged."""
-    return max(row["residuals"].values(), default=math.nan)
+    return max(row.iterate.residuals.values(), default=math.nan)
 
 
 def _log10(value: float, least: float = 0.0) -> float:
@@ -138,7 +148,7 @@ def _log10(value: float, least: float = 0.0) -> float:
 
 
 def log_plots(rec: rr.RecordingStream, plots: list[Plot]) -> None:
-    """Lines in the methods' colours, marks at trials that were turned down, levels from end to end."""
+    """Lines in the methods' colours, marks at rejected trials, levels from end to end."""
     for plot in plots:
         for curve in plot.curves:
             _log_curve(rec, plot, curve)
@@ -162,6 +172,6 @@ def _log_curve(rec: rr.RecordingStream, plot: Plot, curve: Curve) -> None:
         numbers = [curve.iterations[k] for k in marked]
         rec.send_columns(path, iteration_columns(numbers, track), rr.Scalars.columns(scalars=values[marked]))
         look = rr.SeriesPoints(
-            colors=[track.style.colour], names=[f"{label}: turned down"], markers=["cross"], marker_sizes=[6.0]
+            colors=[track.style.colour], names=[f"{label}: rejected"], markers=["cross"], marker_sizes=[6.0]
         )
         rec.log(path, look, static=True)

@@ -6,7 +6,8 @@ The entities are those of the recording in the file (see `replay.recording`), un
 import contextlib
 import itertools
 import uuid
-from typing import TYPE_CHECKING, Final
+from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 import rerun as rr
@@ -18,16 +19,13 @@ from replay.base.style import RECORDED, Style
 from replay.recording import ground, scene
 from replay.recording.blueprint import everything
 from replay.recording.entities import GROUND, OUTSIDE, entity, points
-from replay.recording.local import localised, moved
+from replay.recording.local import localised, localised_case, moved
 from replay.recording.picture import Frame, frame_around, swept_area, thinned
 from replay.recording.text import plain
 from replay.recording.tracks import tracks_of
 from replay.recording.writing import APPLICATION, fill
 from replay.run.case import Case
-from replay.run.judge import Run
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from replay.run.outcome import Run
 
 _PATIENCE_S: Final = 5.0
 """For a viewer to take what was sent [s]."""
@@ -36,15 +34,14 @@ _PATIENCE_S: Final = 5.0
 class LiveRecording:
     """One case in a viewer at `url`. Raises RuntimeError or ValueError where the viewer does not take it."""
 
-    def __init__(self, url: str, case: Case, looks: "Mapping[str, Style]") -> None:
-        run = Run(case=case, recorded_metrics={}, recorded_audit={}, methods=(), options={})
-        (run, self._offset), self._looks = localised(run), looks
+    def __init__(self, url: str, case: Case, looks: Mapping[str, Style]) -> None:
+        (case, self._offset), self._looks = localised_case(case), looks
         self._steps = {name: itertools.count() for name in looks}
         self._stream = rr.RecordingStream(APPLICATION, recording_id=f"{plain(case.name)} live {uuid.uuid4().hex[:12]}")
         self._stream.connect_grpc(url)
         self._stream.set_log_time_enabled(False)
         self._stream.send_recording_name(f"{plain(case.name)} (running)")
-        self._log_start(run.case)
+        self._log_start(case)
 
     def _log_start(self, case: Case) -> None:
         problem, rec = case.problem, self._stream
@@ -66,7 +63,7 @@ class LiveRecording:
         rec.send_blueprint(_blueprint(frame, legend, list(self._looks)))
 
     def iterate(self, name: str, iterate: Iterate) -> None:
-        """Show an iterate; trials that were turned down lead nowhere."""
+        """Show an iterate, unless it is a rejected trial."""
         step = next(self._steps[name])
         if not iterate.accepted:
             return

@@ -1,7 +1,7 @@
 """A run in coordinates near 0. The viewer computes in single precision: far from the origin, paths would jitter."""
 
 import dataclasses
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -9,22 +9,28 @@ from optim.model.path import Path
 from optim.model.result import Picture
 from optim.model.scene import Scene
 from optim.numerics.arrays import Array, frozen
-
-if TYPE_CHECKING:
-    from replay.run.judge import MethodRun, Run
+from replay.run.case import Case
+from replay.run.outcome import MethodRun, Run
 
 FAR: Final = 4096.0
 """Distance from the origin [m] beyond which coordinates are shifted: single precision resolves half a millimetre."""
 _STEP: Final = 100.0  # [m]: offsets that people can add in their heads
 
 
-def localised(run: "Run") -> tuple["Run", Array]:
+def localised(run: Run) -> tuple[Run, Array]:
     """The run with all coordinates relative to an offset near its start, and that offset [m]; (0, 0) if near enough."""
-    start = run.case.problem.recorded.start[:2]
+    case, offset = localised_case(run.case)
+    if case is run.case:
+        return run, offset
+    return dataclasses.replace(run, case=case, methods=tuple(_method(m, offset) for m in run.methods)), offset
+
+
+def localised_case(case: Case) -> tuple[Case, Array]:
+    """The case likewise: the same object, and (0, 0), if near enough."""
+    problem, start = case.problem, case.problem.recorded.start[:2]
     if np.abs(start).max() < FAR:
-        return run, np.zeros(2)
+        return case, np.zeros(2)
     offset = np.round(start / _STEP) * _STEP
-    case, problem = run.case, run.case.problem
     problem = dataclasses.replace(
         problem, scene=_moved_scene(problem.scene, offset), recorded=moved(problem.recorded, offset)
     )
@@ -33,11 +39,10 @@ def localised(run: "Run") -> tuple["Run", Array]:
         x, y, yaw = grid.origin
         grid = dataclasses.replace(grid, origin=(x - float(offset[0]), y - float(offset[1]), yaw))
     logged = None if case.logged is None else frozen(case.logged - [*offset, 0.0])
-    case = dataclasses.replace(case, problem=problem, map=grid, logged=logged)
-    return dataclasses.replace(run, case=case, methods=tuple(_method(m, offset) for m in run.methods)), offset
+    return dataclasses.replace(case, problem=problem, map=grid, logged=logged), offset
 
 
-def _method(run: "MethodRun", offset: Array) -> "MethodRun":
+def _method(run: MethodRun, offset: Array) -> MethodRun:
     iterates = tuple(dataclasses.replace(iterate, path=moved(iterate.path, offset)) for iterate in run.iterates)
     rejected = None if run.rejected_path is None else moved(run.rejected_path, offset)
     picture = None if run.picture is None else _moved_picture(run.picture, offset)

@@ -1,14 +1,15 @@
 """What belongs to each path in the plan view: the path, the swept ground, the moving vehicle, distances, failures."""
 
 import math
-from collections.abc import Iterable, Mapping
-from typing import Any, Final, NamedTuple
+from collections.abc import Iterable
+from typing import Final, NamedTuple
 
 import numpy as np
 import rerun as rr
 import shapely
 from numpy.typing import NDArray
 
+from optim.audit.report import AuditReport
 from optim.model.path import Path
 from optim.model.problem import Problem
 from optim.model.vehicle import Vehicle, body_poses
@@ -148,7 +149,7 @@ def _log_distance(rec: rr.RecordingStream, problem: Problem, track: Track, frame
     rec.send_columns(path, columns_of(track), [*columns.partition(near.astype(np.uint32))])
     style = rr.LineStrips2D.from_fields(radii=points(1.25), draw_order=40.0, show_labels=True)
     rec.log(path, style, static=True)
-    if track.metrics["min_clearance"] < 0.0:
+    if track.metrics.min_clearance < 0.0:
         return  # the audit's mark says so
     worst = int(np.argmin(track.distance))
     colour = BRIGHT if track.distance[worst] >= required else ALARM
@@ -163,7 +164,7 @@ def _log_distance(rec: rr.RecordingStream, problem: Problem, track: Track, frame
         [body, label_at],
         colors=[colour],
         radii=points([4.0, 0.5]),
-        labels=["", f"closest {number(track.metrics['min_clearance'])} m"],
+        labels=["", f"closest {number(track.metrics.min_clearance)} m"],
         show_labels=True,
         draw_order=42.0,
     )
@@ -171,7 +172,7 @@ def _log_distance(rec: rr.RecordingStream, problem: Problem, track: Track, frame
     rec.log(entity("scene", track.name, "closest", "leader"), leader, static=True)
 
 
-def log_failures(rec: rr.RecordingStream, path: str, driven: Path, audit: Mapping[str, Any], frame: Frame) -> None:
+def log_failures(rec: rr.RecordingStream, path: str, driven: Path, audit: AuditReport, frame: Frame) -> None:
     """A mark at the place of each failed check of an audit, and one label for those whose own would overlap."""
     marks = list(failures(driven, audit))
     if not marks:
@@ -198,7 +199,7 @@ def log_failures(rec: rr.RecordingStream, path: str, driven: Path, audit: Mappin
 
 
 def log_rejected(rec: rr.RecordingStream, track: Track, frame: Frame) -> None:
-    """The path that the audit turned down, in the alarm colour, with the places where it fails."""
+    """The path that the audit rejected, in the alarm colour, with the places where it fails."""
     if track.run is None or track.run.rejected is None or track.run.rejected_path is None:
         return
     path = track.run.rejected_path
@@ -207,15 +208,14 @@ def log_rejected(rec: rr.RecordingStream, track: Track, frame: Frame) -> None:
     log_failures(rec, f"{base}/audit", path, track.run.rejected, frame)
 
 
-def failures(driven: Path, audit: Mapping[str, Any]) -> Iterable[tuple[Array, str]]:
+def failures(driven: Path, audit: AuditReport) -> Iterable[tuple[Array, str]]:
     """Position and label of each failed check that has a place."""
-    for name, check in audit.get("checks", {}).items():
-        place = check.get("place") or {}
-        index, s = place.get("segment"), place.get("s")
-        if check.get("passed") or index is None or s is None or not 0 <= index < len(driven.segments):
+    for name, check in audit.checks.items():
+        place = check.place
+        if check.passed or place is None or not 0 <= place.segment < len(driven.segments):
             continue
-        segment = driven.segments[int(index)]
-        row = int(np.argmin(np.abs(segment.s - s)))
+        segment = driven.segments[place.segment]
+        row = int(np.argmin(np.abs(segment.s - place.s)))
         yield segment.states[row, :2], plain(f"✗ {name}: {measured(check)}")
 
 

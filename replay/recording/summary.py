@@ -4,21 +4,20 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from optim.audit.report import AuditReport
+from optim.model.metrics import Metrics
 from optim.numerics.arrays import Array
 from replay.recording.text import cell, change, count, measured, number, table
 from replay.recording.tracks import Track
-from replay.run.judge import AS_GOOD
-
-if TYPE_CHECKING:
-    from replay.run.judge import Run
+from replay.run.outcome import AS_GOOD, Run
 
 _NO_VALUE = "–"
 _LONGEST_OPTION = 60  # characters
 
 
-def summary(run: "Run", tracks: list[Track], best: Track | None) -> str:
+def summary(run: Run, tracks: list[Track], best: Track | None) -> str:
     """Verdict first, then the table, then every method's reason in its own words."""
     lines = [*_verdict(tracks, best, run.case.problem.required_clearance), *_as_good(run, tracks)]
     lines += ["", _comparison(tracks, best), ""]
@@ -34,31 +33,30 @@ def _verdict(tracks: list[Track], best: Track | None, required: float) -> list[s
     before = tracks[0].metrics
     if best is None:
         head = "No method ran" if len(tracks) == 1 else "✗ Not improved: the recorded path stands"
-        sound = tracks[0].audit.get("passed")
+        sound = tracks[0].audit.passed
         audit = "✓ Safe: it passes the audit" if sound else "✗ Not safe: it fails the audit"
-        cost, length = number(before["objective"], 1), number(before["length"], 1)
-        detail = f"J {cost}, {length} m, {count(before['cusps'], 'gear change')}"
+        cost, length = number(before.objective, 1), number(before.length, 1)
+        detail = f"J {cost}, {length} m, {count(before.cusps, 'gear change')}"
         safe = f"{audit}, {clearance(before)}"
         return [f"# {head}", "", f"**{detail}**", "", f"**{safe}**"]
     after = best.metrics
-    cost = [number(row["objective"], 1) for row in (before, after)]
-    length = [number(row["length"], 1) for row in (before, after)]
-    percent = change(before["objective"], after["objective"])
+    cost = [number(row.objective, 1) for row in (before, after)]
+    length = [number(row.length, 1) for row in (before, after)]
+    percent = change(before.objective, after.objective)
     gain = f"improved the path: J {percent}"
-    if not tracks[0].audit.get("passed"):
-        gain = f"is sound, the recorded path is not (J {percent})"
+    if not tracks[0].audit.passed:
+        gain = f"passes the audit, the recorded path fails it (J {percent})"
     detail = (
-        f"J {cost[0]} → {cost[1]}, {length[0]} → {length[1]} m, "
-        f"{before['cusps']:g} → {count(after['cusps'], 'gear change')}"
+        f"J {cost[0]} → {cost[1]}, {length[0]} → {length[1]} m, {before.cusps:g} → {count(after.cusps, 'gear change')}"
     )
-    asked = f" (required: {number(required)} m)" if math.isfinite(after["min_clearance"]) else ""
+    asked = f" (required: {number(required)} m)" if math.isfinite(after.min_clearance) else ""
     safe = f"✓ Safe: audit passed, {clearance(after)}{asked}"
     return [f"# ✓ {cell(best.style.label)} {gain}", "", f"**{detail}**", "", f"**{safe}**"]
 
 
-def clearance(metrics: Mapping[str, float]) -> str:
+def clearance(metrics: Metrics) -> str:
     """The smallest clearance in words."""
-    value = metrics["min_clearance"]
+    value = metrics.min_clearance
     return f"clearance {number(value)} m" if math.isfinite(value) else "no obstacles"
 
 
@@ -71,13 +69,12 @@ def _comparison(tracks: list[Track], best: Track | None) -> str:
         return [head, *(f"**{text}**" if track is best else text for track, text in zip(tracks, values, strict=True))]
 
     def metric(head: str, key: str, digits: int, scale: float = 1.0) -> list[str]:
-        # a run that is drawn from an older results file has no metric that came later
-        return row(head, lambda track: number(scale * track.metrics.get(key, math.nan), digits))
+        return row(head, lambda track: number(scale * getattr(track.metrics, key), digits))
 
     rows = [
         ["", *(cell(track.style.label) for track in tracks)],
         ["Improved", *(_mark(track) for track in tracks)],
-        metric("**J** (less is better)", "objective", 1),
+        metric("**J** (lower is better)", "objective", 1),
         metric("Length [m]", "length", 1),
         metric("Gear changes", "cusps", 0),
         metric("Clearance [m]", "min_clearance", 2),
@@ -90,17 +87,17 @@ def _comparison(tracks: list[Track], best: Track | None) -> str:
 
 def _mark(track: Track) -> str:
     if track.run is None:
-        return _NO_VALUE if track.audit.get("passed") else "✗ unsound"
+        return _NO_VALUE if track.audit.passed else "✗ unsound"
     if track.run.rejected is not None:
         return "✗ rejected"
     # one letter where all is well: five methods fit into a window of 1280 pixels so
     return {"improved": "✓", "kept": "kept", "failed": "✗ failed"}.get(track.status, cell(track.status))
 
 
-def _as_good(run: "Run", tracks: list[Track]) -> list[str]:
+def _as_good(run: Run, tracks: list[Track]) -> list[str]:
     """Other methods that are as good: the time that they take may decide then."""
     names = [cell(track.style.label) for track in tracks if track.run in run.as_good]
-    return ["", f"As good within {100.0 * AS_GOOD:g} %: {', '.join(names)}"] if names else []
+    return ["", f"Equally good (within {100.0 * AS_GOOD:g} %): {', '.join(names)}"] if names else []
 
 
 def _outcome(track: Track) -> str:
@@ -115,21 +112,17 @@ def _outcome(track: Track) -> str:
     return f"- **{cell(track.style.label)}** {what} ({cell(run.stop)}, {run.iterations} iterations): {cell(run.reason)}"
 
 
-def _warnings(run: "Run", recorded: Track) -> list[str]:
+def _warnings(run: Run, recorded: Track) -> list[str]:
     """What is odd about the log or the recorded path."""
-    lines = [f"- ⚠ The recorded path fails its audit. {cell(text)}" for text in _failures(recorded.audit)]
+    lines = [f"- ⚠ The recorded path fails its audit. {cell(text)}" for text in recorded.audit.failures]
     if run.case.read.lost:
         lines.append("- ⚠ Part of the log could not be read.")
     return lines
 
 
-def _checks(audit: Mapping[str, Any]) -> Iterable[tuple[str, Mapping[str, Any]]]:
-    return audit.get("checks", {}).items()
-
-
-def _begins_anew(track: Track) -> bool:
+def _starts_again(track: Track) -> bool:
     """Whether J ever rises by a tenth of what was gained in all, as where a method solves a changed problem."""
-    costs = [row["objective"] for row in track.run.history if row["accepted"]] if track.run is not None else []
+    costs = [row.objective for row in track.run.history if row.accepted] if track.run is not None else []
     return any(after - before > 0.1 * (max(costs) - min(costs)) for before, after in itertools.pairwise(costs))
 
 
@@ -141,12 +134,12 @@ def convergence_help(tracks: list[Track]) -> str:
         "From the recorded path (progress 0) to each method's result (1000); **space** plays. On the timeline "
         "**iteration** (bottom left) one step is one iterate, and Signals shows its extremes."
     ]
-    if any(row["residuals"] for row in rows):
+    if any(row.residuals for row in rows):
         lines.append("Residuals are relative to their tolerances: converged below the **red line**.")
-    if not all(row["accepted"] for row in rows):
-        lines.append("**✗** is a trial step turned down.")
-    if any(_begins_anew(track) for track in tracks):
-        lines.append("Where J jumps up, a method began anew: new obstacles, or a segment left out.")
+    if not all(row.accepted for row in rows):
+        lines.append("**✗** is a rejected trial step.")
+    if any(_starts_again(track) for track in tracks):
+        lines.append("Where J jumps up, a method started again: new obstacles, or a segment left out.")
     if quiet:
         lines.append(f"No iterates: {', '.join(quiet)}.")
     return " ".join(lines)
@@ -159,7 +152,7 @@ def residuals_help() -> str:
     )
 
 
-def vehicle_sheet(run: "Run") -> str:
+def vehicle_sheet(run: Run) -> str:
     """Dimensions in metres, limits in degrees, and what the objective weighs."""
     problem = run.case.problem
     vehicle = problem.vehicle
@@ -189,7 +182,7 @@ def vehicle_sheet(run: "Run") -> str:
     return "\n".join(["# Vehicle", "", table(rows), "", "## Objective", "", cell(formula), "", table(weights)])
 
 
-def run_sheet(run: "Run", version: str, offset: Array) -> str:
+def run_sheet(run: Run, version: str, offset: Array) -> str:
     """Where the data come from, and the options of every method."""
     case = run.case
     read, turn = case.read, math.degrees(case.read.max_deviation_rad)
@@ -215,7 +208,7 @@ def run_sheet(run: "Run", version: str, offset: Array) -> str:
     return "\n".join(lines)
 
 
-def _map_size(run: "Run") -> str:
+def _map_size(run: Run) -> str:
     grid = run.case.map
     if grid is None:
         return "shapes"
@@ -240,23 +233,19 @@ def audit_sheet(tracks: list[Track]) -> str:
     for track in tracks[1:]:
         if track.run is not None and track.run.rejected is not None:
             audits.append((f"{cell(track.style.label)}, rejected", track.run.rejected))
-    names = dict.fromkeys(name for _, audit in audits for name, _ in _checks(audit))
+    names = dict.fromkeys(name for _, audit in audits for name in audit.checks)
     rows = [["Check", *(label for label, _ in audits)]]
     rows += [[cell(name), *(_verdict_of(audit, name) for _, audit in audits)] for name in names]
-    rows += [["**All**", *("**✓ passed**" if audit.get("passed") else "**✗ failed**" for _, audit in audits)]]
+    rows += [["**All**", *("**✓ passed**" if audit.passed else "**✗ failed**" for _, audit in audits)]]
     lines = ["# Audit", "", "An independent check of each path, from its samples alone.", "", table(rows), ""]
     for label, audit in audits:
-        lines += [f"- **{label}** {cell(text)}" for text in _failures(audit)]
+        lines += [f"- **{label}** {cell(text)}" for text in audit.failures]
     return "\n".join(lines)
 
 
-def _verdict_of(audit: Mapping[str, Any], name: str) -> str:
-    check = audit.get("checks", {}).get(name)
+def _verdict_of(audit: AuditReport, name: str) -> str:
+    check = audit.checks.get(name)
     if check is None:
         return _NO_VALUE
     value = cell(measured(check))  # without a mark where all is well: six paths fit into a small window so
-    return (value or "✓") if check.get("passed") else f"**✗ {value}**"
-
-
-def _failures(audit: Mapping[str, Any]) -> list[str]:
-    return [f"{name}: {check.get('sentence', '')}" for name, check in _checks(audit) if not check.get("passed")]
+    return (value or "✓") if check.passed else f"**✗ {value}**"

@@ -5,8 +5,9 @@ a log, a method or the command line therefore goes through `plain` before it is 
 """
 
 import math
-from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
+
+from optim.audit.report import Check
 
 _RANGES: Final = (
     (0x20, 0x7E),  # ASCII
@@ -68,19 +69,12 @@ def count(value: float, what: str) -> str:
     return f"{value:g} {what}{'' if value == 1 else 's'}"
 
 
-def measured(check: Mapping[str, Any]) -> str:
-    """The value of an audit's check that is nearest to its limit, or farthest beyond, in people's units.
-
-    Names of values end in their units, such as `trailer_m` and `hitch_rad`.
-    """
-    values, limits = check.get("values") or {}, check.get("limits") or {}
-    body = (check.get("place") or {}).get("body")
-    keys = [key for key in limits if values.get(key) is not None and (body is None or key.startswith(body))]
-    if not keys:
+def measured(check: Check) -> str:
+    """The deciding value of an audit's check in people's units; empty for a check without a limit."""
+    key, value = check.deciding, check.value
+    if key is None:
         return ""
-    key = max(keys, key=lambda name: values[name] / limits[name] if limits[name] else values[name])
     name, _, unit = key.rpartition("_")
-    value = values[key]
     if unit.startswith("rad"):
         value, unit = math.degrees(value), unit.replace("rad", "°")
     shown = f"{value:.3g}" if abs(value) >= 1e-3 or value == 0.0 else f"{value:.0e}"

@@ -4,21 +4,21 @@ import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Final
 
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
+from optim.audit.report import AuditReport
 from optim.model.clearance import witnesses
+from optim.model.metrics import Metrics
 from optim.model.path import Path, Samples
 from optim.model.problem import Problem
 from optim.model.result import Iterate, Picture
 from optim.numerics.arrays import Array, IntArray
 from replay.base.style import RECORDED, Style, styles
 from replay.recording.picture import swept_area
-
-if TYPE_CHECKING:
-    from replay.run.judge import MethodRun, Run
+from replay.run.outcome import MethodRun, Run
 
 PROGRESS: Final = 1000
 """Last value of the timeline `progress`."""
@@ -35,8 +35,8 @@ class Track:
     status: str
     """recorded, improved, kept or failed; the path of the last two is the recorded one."""
     path: Path
-    metrics: Mapping[str, float]
-    audit: Mapping[str, Any]
+    metrics: Metrics
+    audit: AuditReport
     area: BaseGeometry
     """Ground swept by truck and trailer."""
     progress: IntArray
@@ -53,7 +53,7 @@ class Track:
     """From the nearer body to its nearest obstacle [m], inf without obstacles. Shape (R,)."""
     nearest: Array
     """The two points that are that far apart, on the body and on the obstacle. Shape (R, 2, 2)."""
-    run: "MethodRun | None" = None
+    run: MethodRun | None = None
     """What the method made of the case; None for the recorded path."""
 
     @property
@@ -74,14 +74,14 @@ class Track:
 
         Of `shortcut`, 1,000 tries of which 20 lower J, numbers would squeeze every other method into a corner.
         """
-        return np.searchsorted([int(row["iteration"]) for row in self.run.history] if self.run else [], numbers)
+        return np.searchsorted([record.iteration for record in self.run.history] if self.run else [], numbers)
 
     @property
     def last_step(self) -> int:
         return max(0, len(self.run.history) - 1) if self.run is not None else 0
 
 
-def tracks_of(run: "Run", looks: Mapping[str, Style] | None = None) -> list[Track]:
+def tracks_of(run: Run, looks: Mapping[str, Style] | None = None) -> list[Track]:
     """The recorded path, then every method's in the order in which they ran; `looks` instead of their own styles."""
     problem = run.case.problem
     path, values, audit = problem.recorded, run.recorded_metrics, run.recorded_audit
@@ -97,7 +97,7 @@ def tracks_of(run: "Run", looks: Mapping[str, Style] | None = None) -> list[Trac
     return tracks
 
 
-def best_of(run: "Run", tracks: list[Track]) -> Track | None:
+def best_of(run: Run, tracks: list[Track]) -> Track | None:
     """The track of the run's best path, or None."""
     return next((track for track in tracks if track.run is not None and track.run is run.best), None)
 
@@ -108,8 +108,8 @@ def _track(
     name: str,
     style: Style,
     status: str,
-    metrics: Mapping[str, float],
-    audit: Mapping[str, Any],
+    metrics: Metrics,
+    audit: AuditReport,
 ) -> Track:
     samples = path.samples
     near = witnesses(problem.scene, problem.vehicle, samples.states)

@@ -8,15 +8,12 @@ import sys
 import time
 import urllib.parse
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
 from optim.model.result import Iterate
 from replay.base.style import styles
 from replay.run.case import Case
-
-if TYPE_CHECKING:
-    from replay.recording.live import LiveRecording
-    from replay.run.judge import Run
+from replay.run.outcome import Run
 
 START_S: Final = 15.0
 """Time that a new viewer has to answer [s]."""
@@ -97,13 +94,23 @@ def _wait_for(process: "subprocess.Popen[bytes]", port: int) -> None:
         time.sleep(0.1)
 
 
+class _Live(Protocol):
+    """What a view needs of `replay.recording.live.LiveRecording`, which takes a second to load."""
+
+    def iterate(self, name: str, iterate: Iterate) -> None: ...
+
+    def finish(self, run: Run) -> None: ...
+
+    def close(self) -> None: ...
+
+
 class LiveView:
     """Passes what happens on to a viewer, one case after the other. Never raises: the first failure ends the view."""
 
     def __init__(self, url: str, methods: Iterable[str], say: Callable[[str], None]) -> None:
         self._url, self._say = url, say
         self._looks = styles(methods)
-        self._recording: LiveRecording | None = None
+        self._recording: _Live | None = None
         self._failed = False
 
     def begin(self, case: Case) -> None:
@@ -118,12 +125,12 @@ class LiveView:
         self._guarded(start)
 
     def iterate(self, name: str, iterate: Iterate) -> None:
-        """A method has told an iterate."""
+        """A method has reported an iterate."""
         recording = self._recording
         if recording is not None:
             self._guarded(lambda: recording.iterate(name, iterate))
 
-    def finish(self, run: "Run") -> None:
+    def finish(self, run: Run) -> None:
         """The case is done."""
         recording = self._recording
         if recording is not None:

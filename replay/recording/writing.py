@@ -8,7 +8,7 @@ import pathlib
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import rerun as rr
 from rerun.chunk import RrdReader
@@ -16,6 +16,7 @@ from rerun.error_utils import RerunWarning
 
 from optim.numerics.arrays import Array
 from replay.base.style import Colour, Style
+from replay.base.versions import DISTRIBUTION
 from replay.recording import convergence, costs, ground, scene, signals, summary
 from replay.recording.blueprint import Content, blueprint
 from replay.recording.entities import BODIES, entity
@@ -23,16 +24,18 @@ from replay.recording.local import localised
 from replay.recording.picture import frame_around
 from replay.recording.text import change, number, plain
 from replay.recording.tracks import Track, best_of, tracks_of
-from replay.run.results import DISTRIBUTION
-
-if TYPE_CHECKING:
-    from replay.run.judge import Run
+from replay.run.outcome import Run
 
 APPLICATION: Final = "replay"
 
 
 class Unwritable(Exception):
     """The file does not hold what was written to it."""
+
+
+def warm_up() -> None:
+    """Make one archetype, so that pyarrow loads what it needs (pandas too, where it is installed)."""
+    rr.Transform3D(mat3x3=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 @contextlib.contextmanager
@@ -46,7 +49,7 @@ def _strict() -> Iterator[None]:
         rr.set_strict_mode(before)
 
 
-def write(run: "Run", path: pathlib.Path, looks: Mapping[str, Style] | None = None) -> None:
+def write(run: Run, path: pathlib.Path, looks: Mapping[str, Style] | None = None) -> None:
     """Write the recording to a file and read it back. Raises OSError, and Unwritable if the file is not whole.
 
     The recording is collected in memory first, a few megabytes: Rerun's own file sink was seen to wait for ever on
@@ -68,9 +71,9 @@ def write(run: "Run", path: pathlib.Path, looks: Mapping[str, Style] | None = No
     verify(path, tracks)
 
 
-def recording_id(run: "Run") -> str:
+def recording_id(run: Run) -> str:
     """The same for the same log, options and results: viewers merge recordings of the same identity."""
-    results = [(method.name, method.status, method.metrics["objective"]) for method in run.methods]
+    results = [(method.name, method.status, method.metrics.objective) for method in run.methods]
     parts = [run.case.name, run.case.sha256, _version(), run.options, results]
     digest = hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
     return f"{plain(run.case.name)} {digest[:12]}"
@@ -80,7 +83,7 @@ def _version() -> str:
     return importlib.metadata.version(DISTRIBUTION)
 
 
-def fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Array) -> None:
+def fill(rec: rr.RecordingStream, run: Run, tracks: list[Track], offset: Array) -> None:
     """Log all of a run that `localised` has moved by `offset` [m], and the arrangement for it."""
     problem, best = run.case.problem, best_of(run, tracks)
     frame = frame_around(problem.scene, [track.area for track in tracks])
@@ -119,14 +122,14 @@ def fill(rec: rr.RecordingStream, run: "Run", tracks: list[Track], offset: Array
 
 
 def _legend_entry(recorded: Track, track: Track) -> tuple[str, Colour]:
-    before, after = recorded.metrics["objective"], track.metrics["objective"]
+    before, after = recorded.metrics.objective, track.metrics.objective
     text = {"recorded": f"J {number(before, 1)}", "improved": f"J {number(after, 1)} ({change(before, after)})"}
     rejected = track.run is not None and track.run.rejected is not None
     result = "rejected" if rejected else text.get(track.status, track.status)
     return f"{track.style.label}: {result}", track.style.colour
 
 
-def _log_reports(rec: rr.RecordingStream, run: "Run", tracks: list[Track], best: Track | None, offset: Array) -> None:
+def _log_reports(rec: rr.RecordingStream, run: Run, tracks: list[Track], best: Track | None, offset: Array) -> None:
     sheets = {
         "summary": summary.summary(run, tracks, best),
         "convergence": summary.convergence_help(tracks),
@@ -139,20 +142,20 @@ def _log_reports(rec: rr.RecordingStream, run: "Run", tracks: list[Track], best:
         rec.log(f"/report/{name}", rr.TextDocument(plain(text), media_type=rr.MediaType.MARKDOWN), static=True)
 
 
-def _send_properties(rec: rr.RecordingStream, run: "Run", tracks: list[Track], best: Track | None) -> None:
+def _send_properties(rec: rr.RecordingStream, run: Run, tracks: list[Track], best: Track | None) -> None:
     """What a table of many recordings sorts by."""
     before, after = run.recorded_metrics, (best or tracks[0]).metrics
     rec.send_recording_name(plain(run.case.name))
     properties = rr.AnyValues(
         best_method=plain(best.name) if best else "none",
         status="improved" if best else ("failed" if any(m.status == "failed" for m in run.methods) else "kept"),
-        objective_before=float(before["objective"]),
-        objective_after=float(after["objective"]),
-        length_before_m=float(before["length"]),
-        length_after_m=float(after["length"]),
-        cusps_before=int(before["cusps"]),
-        cusps_after=int(after["cusps"]),
-        clearance_after_m=float(after["min_clearance"]),
+        objective_before=float(before.objective),
+        objective_after=float(after.objective),
+        length_before_m=float(before.length),
+        length_after_m=float(after.length),
+        cusps_before=int(before.cusps),
+        cusps_after=int(after.cusps),
+        clearance_after_m=float(after.min_clearance),
         log_sha256=run.case.sha256,
         tool_version=_version(),
     )

@@ -1,9 +1,9 @@
 """Working on many logs on a Dask cluster. Needs the extra `cluster`.
 
-Tasks give back what became of a log, never its results, which are files by then: a worker that dies has nothing to
-lose but the log it was at, and Dask gives that to another one. Futures are released as they end, and only some are
-outstanding at a time, so that neither scheduler nor coordinator grows with the number of logs. The run's folder must be
-on storage that all workers see.
+Tasks return the outcome of a job, never its results, which are files by then: a worker that dies loses nothing but the
+job it was doing, and Dask gives that to another one. Futures are released as they end, and only some are outstanding at
+a time, so that neither scheduler nor coordinator grows with the number of logs. The run's folder must be on storage
+that all workers see.
 """
 
 import atexit
@@ -18,25 +18,25 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import Any
 
 from replay.base.errors import ReplayError
-from replay.regress.slot import Slot
-from replay.regress.work import Job, Outcome, publish_error
+from replay.regress.job import Job, Outcome, publish_error
+from replay.regress.supervisor import Supervisor
 
 CLUSTER_ERROR = "E_CLUSTER"
 """The cluster failed during a run."""
 SCHEDULER_ERROR = "E_SCHEDULER"
-"""There is no cluster to begin with."""
+"""There is no usable cluster."""
 OUTSTANDING = 4
 """Tasks for each thread of the cluster that are submitted at a time."""
 _CONNECT_S = 15
 _WORKERS_S = 60
 _PATIENCE_S, _WORKER_PATIENCE_S = 3.0, 5.0
-"""Time after which it is told that a connection, and that a worker, is waited for [s]."""
+"""Time after which waiting for a connection, and for a worker, is reported [s]."""
 
 
 def check_address(address: str) -> None:
-    """ReplayError (E_SCHEDULER), one line, unless a scheduler's address is of this machine alone, or of TLS.
+    """Check that a scheduler is of this machine alone or speaks TLS. Raises ReplayError (E_SCHEDULER), one line.
 
-    Who can connect to a scheduler can run code there and on every worker, and plain TCP does not ask who it is.
+    Whoever can connect to a scheduler can run code there and on every worker, and plain TCP does not authenticate.
     """
     scheme, host = _parts(address)
     if scheme == "tls" and host:
@@ -64,16 +64,16 @@ def _is_loopback(host: str) -> bool:
 
 
 def run_on_cluster(jobs: Iterable[Job], address: str) -> Generator[Outcome]:
-    """Do jobs on the workers of a scheduler; outcomes come as they come. Raises as `connected` and what it gives."""
+    """Do jobs on the workers of a scheduler; outcomes come in the order in which jobs end. Raises as `connected`."""
     with connected(address) as execute:
         yield from execute(jobs)
 
 
 @contextlib.contextmanager
 def connected(
-    address: str, tell: Callable[[str], None] = lambda _: None
+    address: str, note: Callable[[str], None] = lambda _: None
 ) -> Iterator[Callable[[Iterable[Job]], Generator[Outcome]]]:
-    """What does jobs on the workers of a scheduler, of which there is one at least; `tell` hears what it waits for.
+    """Connect to a scheduler with at least one worker; the function given does jobs there. `note` gets remarks.
 
     Raises ReplayError (E_SCHEDULER) where the address is refused, nobody answers there or no worker comes, and during
     the work where a worker does not see a file that this machine sees; E_CLUSTER where the scheduler goes away.
@@ -81,8 +81,8 @@ def connected(
     check_address(address)
     distributed = _distributed()
     for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what it has to say ends in our own lines
-    with _connected(distributed, address, tell) as client:
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # our own lines say what matters
+    with _connected(distributed, address, note) as client:
         yield lambda jobs: _run(distributed, client, jobs)
 
 
@@ -113,7 +113,7 @@ def _run(distributed: Any, client: Any, jobs: Iterable[Job]) -> Generator[Outcom
 
 
 def _outcome(future: Any, job: Job) -> Outcome:
-    error = future.exception()  # waits where the worker died after it told of the end: Dask has the log done again
+    error = future.exception()  # waits where the worker died after it reported the end: Dask has the job done again
     if future.status == "cancelled":
         raise ReplayError(CLUSTER_ERROR, "the scheduler has gone; what was finished is kept, --resume does the rest")
     if error is None and (unseen := future.result()["unseen"]):
@@ -127,17 +127,17 @@ def _outcome(future: Any, job: Job) -> Outcome:
     raise ReplayError(CLUSTER_ERROR, f"{job.log.name}: a worker failed: {type(error).__name__}: {words}")
 
 
-def _connected(distributed: Any, address: str, tell: Callable[[str], None]) -> Any:
+def _connected(distributed: Any, address: str, note: Callable[[str], None]) -> Any:
     """A client, once there is a worker."""
     security = _security(distributed, address) if address.startswith("tls:") else None
     try:
-        with _told_after(_PATIENCE_S, tell, f"connecting to {address}, for at most {_CONNECT_S} s"):
+        with _noted_after(_PATIENCE_S, note, f"connecting to {address}, for at most {_CONNECT_S} s"):
             client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False, security=security)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         words = " ".join(str(error).split())
         raise ReplayError(SCHEDULER_ERROR, f"--scheduler {address}: no connection: {words}") from error
     try:
-        with _told_after(_WORKER_PATIENCE_S, tell, f"no worker has joined {address} yet, waiting {_WORKERS_S} s"):
+        with _noted_after(_WORKER_PATIENCE_S, note, f"no worker has joined {address} yet, waiting {_WORKERS_S} s"):
             client.wait_for_workers(1, timeout=_WORKERS_S)
     except TimeoutError as error:
         client.close()
@@ -146,9 +146,9 @@ def _connected(distributed: Any, address: str, tell: Callable[[str], None]) -> A
 
 
 @contextlib.contextmanager
-def _told_after(seconds: float, tell: Callable[[str], None], line: str) -> Iterator[None]:
-    """Tell a line if the block takes longer."""
-    timer = threading.Timer(seconds, tell, (line,))
+def _noted_after(seconds: float, note: Callable[[str], None], line: str) -> Iterator[None]:
+    """Note a line if the block takes longer."""
+    timer = threading.Timer(seconds, note, (line,))
     timer.daemon = True
     timer.start()
     try:
@@ -158,7 +158,7 @@ def _told_after(seconds: float, tell: Callable[[str], None], line: str) -> Itera
 
 
 def _security(distributed: Any, address: str) -> Any:
-    """What this client shows a scheduler that speaks TLS, from Dask's configuration."""
+    """Certificates of this client, from Dask's configuration."""
     security = distributed.Security(require_encryption=True)
     names = ("ca-file", "client.cert", "client.key")
     missing = [
@@ -191,19 +191,19 @@ _here = threading.local()
 
 
 def _do(job: Job, seen: Sequence[str]) -> dict[str, str]:
-    """Do a job in the process that this thread of the worker keeps for it; what became of the log.
+    """Do a job in the process that this thread of a Dask worker supervises; its state.
 
-    Nothing is done where a place that the client has `seen` cannot be seen from here. Another run gets another process,
-    since the program may have changed in the meantime.
+    Nothing is done where a path that the client has `seen` does not exist here. Another run gets another process, since
+    the program may have changed in the meantime.
     """
     unseen = next((place for place in seen if not os.path.exists(place)), "")  # noqa: PTH110
     if unseen:
         return {"unseen": unseen, "state": ""}
-    slot = getattr(_here, "slot", None)
-    if slot is None:
-        slot = _here.slot = Slot()
-        atexit.register(slot.end)
+    supervisor = getattr(_here, "supervisor", None)
+    if supervisor is None:
+        supervisor = _here.supervisor = Supervisor()
+        atexit.register(supervisor.end)
     elif _here.folder != job.folder:
-        slot.end()
+        supervisor.end()
     _here.folder = job.folder
-    return {"unseen": "", "state": slot.run(job).state}
+    return {"unseen": "", "state": supervisor.run(job).state}

@@ -1,8 +1,8 @@
 """Is this version slower than another? Both are timed in turns, A B B A, on this machine, now.
 
-A stored time says nothing, because the machine is another one every night, if only by what else it does; what is
-common to both versions cancels in their ratio. The alarm: the geometric mean of new over old, over all logs, lies above
-1.02 with the whole of its 95 % interval (bootstrap over logs).
+A stored time says nothing, because the load of the machine differs every night; what is common to both versions cancels
+in their ratio. The alarm: the whole 95 % interval (bootstrap over logs) of the geometric mean of new over old lies
+above 1.02.
 """
 
 import contextlib
@@ -16,29 +16,36 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
+import msgspec
 import numpy as np
 
+from replay.base.documents import plain
 from replay.base.errors import ReplayError
+from replay.base.run_folder import TIMING_FILE
+from replay.base.schemas.timing import TIMING_SCHEMA, TimeRatio, TimingDocument
+from replay.regress.folder import RunFolder, write_document
+from replay.regress.plan import Plan
+from replay.regress.program import SOURCES
+from replay.regress.sources import STORES, local_file
 
 AGAINST_ERROR = "E_AGAINST"
 ALARM = 1.02
 """Ratio new over old above which the interval must lie [-]."""
 LEAST_PAIRS = 3
-"""Logs below which there is no interval, and no alarm."""
+"""Number of logs below which there is no interval, and no alarm."""
 ROUNDS = 3
-"""A B B A so often at most: six runs of each version."""
+"""Maximum number of rounds A B B A: six runs of each version."""
 ENOUGH_S = 6.0
-"""Time after which a pair of log and method gets no further round [s]; it gets one at least."""
+"""Time after which a pair of log and method gets no further round [s]; it gets at least one."""
 MOST_S = 600.0
-"""Time for one run, compiling included [s]."""
-_SOURCES = pathlib.Path(__file__).resolve().parents[2]
+"""Time limit of one run, compiling included [s]."""
 _SAMPLES, _SEED = 4000, 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Side:
+class Version:
     """How to start a version of the program."""
 
     name: str
@@ -47,42 +54,50 @@ class Side:
     """Folder of its sources; empty where they are installed."""
 
 
+class _Answer(msgspec.Struct, frozen=True, kw_only=True):
+    """The answer of a timing server."""
+
+    seconds: tuple[float, ...] = ()
+    """Time on each case [s]."""
+    error: str = ""
+
+
 def check_version(name: str) -> None:
-    """ReplayError (E_AGAINST) for what is neither an installed environment nor a git revision."""
+    """Check that a name is an installed environment or a git revision. Raises ReplayError (E_AGAINST)."""
     if _python(name) is None:
-        _git(_SOURCES, name, "rev-parse", "--verify", "--end-of-options", f"{name}^{{commit}}")
+        _git(SOURCES, name, "rev-parse", "--verify", "--end-of-options", f"{name}^{{commit}}")
 
 
 def _python(name: str) -> pathlib.Path | None:
-    """Of an environment, by its folder or by itself."""
+    """The Python of an environment, by the path of either."""
     place = pathlib.Path(name)
     pythons = (place / "bin" / "python", place)
     return next((python for python in pythons if python.is_file() and os.access(python, os.X_OK)), None)
 
 
 @contextlib.contextmanager
-def version(name: str) -> Iterator[Side]:
-    """An installed environment (its folder, or its Python), or a git revision, checked out for the time being.
+def version(name: str) -> Iterator[Version]:
+    """An installed environment (its folder, or its Python), or a git revision, which is checked out meanwhile.
 
     Raises ReplayError (E_AGAINST) where it is neither.
     """
     python = _python(name)
     if python is not None:
-        yield Side(name=name, python=str(python.absolute()), path="")
+        yield Version(name=name, python=str(python.absolute()), path="")
         return
-    sources = _SOURCES
+    sources = SOURCES
     with tempfile.TemporaryDirectory(prefix="replay-against-") as folder:
         tree = str(pathlib.Path(folder) / "tree")
         _git(sources, name, "worktree", "add", "--detach", "--quiet", tree, f"{name}^{{commit}}")
         try:
-            yield Side(name=name, python=sys.executable, path=tree)
+            yield Version(name=name, python=sys.executable, path=tree)
         finally:
             _git(sources, name, "worktree", "remove", "--force", tree)
 
 
-def this_version() -> Side:
+def this_version() -> Version:
     """The program that is running."""
-    return Side(name="this version", python=sys.executable, path=str(pathlib.Path(__file__).resolve().parents[2]))
+    return Version(name="this version", python=sys.executable, path=str(SOURCES))
 
 
 def _git(sources: pathlib.Path, name: str, *arguments: str) -> None:
@@ -99,11 +114,11 @@ def _git(sources: pathlib.Path, name: str, *arguments: str) -> None:
         raise ReplayError(AGAINST_ERROR, f"--against {name}: {expected}: {words}")
 
 
-class Server:
-    """A process that times runs of one version, begun anew where a run takes too long. A context manager."""
+class TimingServer:
+    """A process that times runs of one version, started again where a run takes too long. A context manager."""
 
-    def __init__(self, side: Side) -> None:
-        self.side = side
+    def __init__(self, version: Version) -> None:
+        self.version = version
         self._process = self._started()
 
     def __enter__(self) -> Self:
@@ -115,12 +130,12 @@ class Server:
     def _started(self) -> subprocess.Popen[str]:
         script = pathlib.Path(__file__).with_name("timing_server.py")
         return subprocess.Popen(
-            [self.side.python, "-P", str(script)],
+            [self.version.python, "-P", str(script)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,
-            env=os.environ | {"PYTHONPATH": self.side.path},
+            env=os.environ | {"PYTHONPATH": self.version.path},
         )
 
     def _end(self) -> None:
@@ -132,9 +147,9 @@ class Server:
                     stream.close()
 
     def seconds(self, log: str, method: str) -> float:
-        """Time of a method on all cases of a log [s]; NaN where that version fails, or takes more than `MOST_S`.
+        """Time a method on all cases of a log [s]; NaN where that version fails, or takes more than `MOST_S`.
 
-        Raises ReplayError (E_AGAINST) if the process has gone.
+        Raises ReplayError (E_AGAINST) if the process has ended.
         """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -143,27 +158,30 @@ class Server:
             self._process.stdin.flush()
             ready, _, _ = select.select([self._process.stdout], [], [], MOST_S)
             if not ready:
-                self._end()  # its answer would be taken for that to the next request
+                self._end()  # its answer would be taken for the next one
                 self._process = self._started()
                 return math.nan
-            answer: Any = json.loads(self._process.stdout.readline())
-        except (OSError, ValueError) as error:
-            raise ReplayError(AGAINST_ERROR, f"{self.side.name}: its process has ended: {error}") from error
-        return math.fsum(answer["seconds"]) if answer.get("seconds") else math.nan
+            answer = msgspec.json.decode(self._process.stdout.readline(), type=_Answer)
+        except (OSError, ValueError, msgspec.MsgspecError) as error:
+            raise ReplayError(AGAINST_ERROR, f"{self.version.name}: its process has ended: {error}") from error
+        return math.fsum(answer.seconds) if answer.seconds else math.nan
 
 
 def measure(
-    old: Server, new: Server, pairs: Sequence[tuple[str, str, str]], tell: Callable[[int], None] = lambda _: None
+    old: TimingServer,
+    new: TimingServer,
+    pairs: Sequence[tuple[str, str, str]],
+    on_pair: Callable[[int, int], None] = lambda *_: None,
 ) -> dict[str, dict[str, float]]:
-    """The ratio new over old of each pair of log and method, by method and log; pairs are (log, file, method).
+    """Measure new over old for pairs (log, file, method); ratios by method and log [-].
 
-    Each is run once without looking at the clock, which also compiles; then in rounds A B B A. The least time of each
-    side counts. Pairs on which a version fails are left out.
+    Each pair is run once untimed, which also compiles; then in rounds A B B A. The least time of each version counts.
+    Pairs on which a version fails are left out. `on_pair` gets the number of pairs done, and of all pairs.
     """
     ratios: dict[str, dict[str, float]] = {}
     for number, (log, file, method) in enumerate(pairs):
         warm = [server.seconds(file, method) for server in (old, new)]
-        times: dict[Server, list[float]] = {old: [], new: []}
+        times: dict[TimingServer, list[float]] = {old: [], new: []}
         for _ in range(ROUNDS if all(map(math.isfinite, warm)) else 0):
             for server in (old, new, new, old):
                 times[server].append(server.seconds(file, method))
@@ -171,39 +189,23 @@ def measure(
                 break
         if times[old] and min(times[old]) > 0.0:
             ratios.setdefault(method, {})[log] = min(times[new]) / min(times[old])
-        tell(number + 1)
+        on_pair(number + 1, len(pairs))
     return ratios
 
 
-@dataclass(frozen=True, kw_only=True)
-class Comparison:
-    """New over old: the geometric mean and its 95 % interval."""
-
-    ratio: float
-    low: float | None
-    high: float | None
-    """None below `LEAST_PAIRS` logs, where resampling says nothing of the spread."""
-    pairs: int
-
-    @property
-    def alarm(self) -> bool:
-        """Whether the new version is slower for certain."""
-        return self.low is not None and self.low > ALARM
-
-
-def compared(ratios: Iterable[float]) -> Comparison:
-    """The geometric mean of ratios and its interval by bootstrap, always the same for the same ratios."""
+def compared(ratios: Iterable[float]) -> TimeRatio:
+    """Geometric mean of ratios and its interval by bootstrap, always the same for the same ratios."""
     logarithms = np.log(np.array(list(ratios)))
-    mean = float(np.exp(logarithms.mean()))
-    if len(logarithms) < LEAST_PAIRS:
-        return Comparison(ratio=mean, low=None, high=None, pairs=len(logarithms))
-    drawn = np.random.default_rng(_SEED).integers(0, len(logarithms), (_SAMPLES, len(logarithms)))
-    low, high = np.quantile(logarithms[drawn].mean(axis=1), (0.025, 0.975))
-    return Comparison(ratio=mean, low=float(np.exp(low)), high=float(np.exp(high)), pairs=len(logarithms))
+    mean, pairs = float(np.exp(logarithms.mean())), len(logarithms)
+    if pairs < LEAST_PAIRS:
+        return TimeRatio(ratio=mean, low=None, high=None, pairs=pairs, alarm=False)
+    drawn = np.random.default_rng(_SEED).integers(0, pairs, (_SAMPLES, pairs))
+    low, high = (float(np.exp(each)) for each in np.quantile(logarithms[drawn].mean(axis=1), (0.025, 0.975)))
+    return TimeRatio(ratio=mean, low=low, high=high, pairs=pairs, alarm=low > ALARM)
 
 
-def judged(ratios: Mapping[str, Mapping[str, float]]) -> dict[str, Comparison]:
-    """The comparison by method, and over all of them ("all", each log with the mean of its methods)."""
+def judged(ratios: Mapping[str, Mapping[str, float]]) -> dict[str, TimeRatio]:
+    """The mean ratio by method, and over all methods ("all", each log with the mean of its methods)."""
     found = {method: compared(by_log.values()) for method, by_log in ratios.items() if by_log}
     by_log: dict[str, list[float]] = {}
     for logs in ratios.values():
@@ -212,3 +214,24 @@ def judged(ratios: Mapping[str, Mapping[str, float]]) -> dict[str, Comparison]:
     if by_log:
         found["all"] = compared(math.exp(math.fsum(each) / len(each)) for each in by_log.values())
     return found
+
+
+def time_against(
+    plan: Plan, folder: RunFolder, name: str, on_pair: Callable[[int, int], None] = lambda *_: None
+) -> TimingDocument:
+    """Time this version and another one in turns on the logs of a run, and write timing.json into its folder.
+
+    Methods are timed with their default options, which both versions have. Raises ReplayError (E_AGAINST).
+    """
+    read = {document.log for document in folder.documents() if document.error is None}
+    pairs = [
+        (log.name, str(local_file(log.path).absolute()), method)
+        for log in plan.logs
+        if log.name in read or log.path.startswith(STORES)
+        for method in plan.methods_of(log)
+    ]
+    with version(name) as other, TimingServer(other) as old, TimingServer(this_version()) as new:
+        ratios = measure(old, new, pairs, on_pair)
+    document = TimingDocument(schema=TIMING_SCHEMA, against=name, ratios=ratios, compared=judged(ratios))
+    write_document(folder.path / TIMING_FILE, json.dumps(plain(document), indent=1, sort_keys=True))
+    return document

@@ -1,4 +1,4 @@
-"""Times methods of whatever version of the program it is run with: a program of its own, started by its path.
+"""A program that times methods of the version of the project that it is run with; it is started by its path.
 
 Each line of standard input is a request, {"log": path, "method": name}; each line of standard output the answer,
 {"seconds": one number for each case} or {"error": one line}. It uses nothing but what every version has.
@@ -9,11 +9,16 @@ import os
 import sys
 import time
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
+for name in ("OMP", "OPENBLAS", "MKL", "BLIS", "NUMEXPR", "NUMBA", "RAYON"):
+    os.environ[f"{name}_NUM_THREADS"] = "1"
+os.environ["VECLIB_MAXIMUM_THREADS"] = "1"
 
 from optim.methods import METHODS  # noqa: E402 - after the threads have been settled
-from replay.logs import read_cases  # noqa: E402
+
+try:
+    from replay.pipeline import read
+except ImportError:  # a version from before the pipeline
+    from replay.logs import read_cases as read
 
 
 def main() -> None:
@@ -25,7 +30,7 @@ def main() -> None:
         request = json.loads(line)
         try:
             if request["log"] != last:
-                last, cases = request["log"], read_cases(request["log"])
+                last, cases = request["log"], read(request["log"])
             answer = {"seconds": [_seconds(_method(request["method"]), case.problem) for case in cases]}
         except Exception as error:  # a border: the other version may fail as it likes
             answer = {"error": f"{type(error).__name__}: {' '.join(str(error).split())}"}

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from replay.base.numbers import shown
-from replay.report.history import Point
+from replay.base.schemas.summary import TrendPoint
 
 WIDTH, HEIGHT = 400, 250
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 12, 20, 44
 _MOST_TICKS: Final = 6
 _FARTHEST: Final = 3.0
-"""Performance profiles end at so many times the best J."""
+"""Upper end of performance profiles, as a multiple of the best J."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,9 +22,9 @@ class Line:
 
     method: str
     pieces: tuple[str, ...]
-    """As SVG's polylines take them; broken where the figures may not be compared."""
+    """Points of SVG polylines; a new piece begins where figures are not comparable."""
     dots: tuple[tuple[float, float, str], ...] = ()
-    """Places that stand for measurements, and what they say."""
+    """Points of measurements, and their labels."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,9 +38,9 @@ class Chart:
     y_ticks: tuple[tuple[float, str], ...]
     lines: tuple[Line, ...]
     breaks: tuple[float, ...] = ()
-    """Places on the x-axis between runs over different logs."""
+    """Positions on the x-axis between runs over different logs."""
     marks: tuple[tuple[float, str], ...] = ()
-    """Places on the x-axis of runs that failed, and their names."""
+    """Positions on the x-axis of runs that failed, and their names."""
     width: ClassVar = WIDTH
     height: ClassVar = HEIGHT
     left: ClassVar = _LEFT
@@ -51,7 +51,7 @@ class Chart:
 
 @dataclass(frozen=True, kw_only=True)
 class _Scale:
-    """From values to pixels."""
+    """Linear map from values to pixels."""
 
     low: float
     high: float
@@ -64,7 +64,7 @@ class _Scale:
 
 
 def profile_chart(profiles: Mapping[str, Sequence[float]]) -> Chart | None:
-    """Share of cases on which a method's J is at most so many times the best J."""
+    """Performance profiles: share of cases on which a method's J is at most a multiple of the best J."""
     if not profiles:
         return None
     largest = max(ratios[min(len(ratios) - 1, math.ceil(0.98 * len(ratios)))] for ratios in profiles.values())
@@ -96,8 +96,8 @@ def _steps(ratios: Sequence[float], high: float, x: _Scale, y: _Scale) -> str:
     return _path(corners)
 
 
-def drift_chart(points: Sequence[Point]) -> Chart | None:
-    """How far each method's J over the recorded J is from the first run's over the same logs [%]."""
+def drift_chart(points: Sequence[TrendPoint]) -> Chart | None:
+    """Change of each method's J over the recorded J since the first run over the same logs [%]."""
     first: dict[tuple[str, str], float] = {}
     values = [
         {
@@ -109,16 +109,16 @@ def drift_chart(points: Sequence[Point]) -> Chart | None:
     return _trend(points, values, title="J against the first run", y_label="change of J [%]", logarithmic=False)
 
 
-def time_chart(points: Sequence[Point]) -> Chart | None:
-    """The median time of each method, on a logarithmic scale."""
+def time_chart(points: Sequence[TrendPoint]) -> Chart | None:
+    """Median time of each method, on a logarithmic scale."""
     values = [{name: time for name, time in at.wall_s.items() if time > 0.0} for at in points]
     return _trend(points, values, title="Median time", y_label="median wall time [s]", logarithmic=True)
 
 
 def _trend(
-    points: Sequence[Point], values: Sequence[Mapping[str, float]], *, title: str, y_label: str, logarithmic: bool
+    points: Sequence[TrendPoint], values: Sequence[Mapping[str, float]], *, title: str, y_label: str, logarithmic: bool
 ) -> Chart | None:
-    """A quantity of each method over the runs; None where there is only one run."""
+    """Chart of a quantity of each method over the runs; None where there is only one run."""
     known = [_place(value, logarithmic) for entry in values for value in entry.values()]
     if len(points) < 2 or not known:
         return None
@@ -167,8 +167,8 @@ def _y_ticks(low: float, high: float, logarithmic: bool) -> list[tuple[float, st
     return [(place, shown(value, 2)) for place, value in places if low <= place <= high]
 
 
-def _dates(points: Sequence[Point]) -> tuple[str, list[tuple[int, str]]]:
-    """What is written below the axis of runs, and at some of them their days, or the times of a single day."""
+def _dates(points: Sequence[TrendPoint]) -> tuple[str, list[tuple[int, str]]]:
+    """Label of the axis of runs, and the days of some of them, or their times on a single day."""
     chosen = {i: points[i].created or points[i].name for i in _chosen(len(points))}
     days = {created[:10] for created in chosen.values()}
     if len(days) == 1:

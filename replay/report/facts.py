@@ -1,62 +1,56 @@
-"""What a run amounts to: its verdict in one line, and figures by method and class."""
+"""Facts of a run that all reports share: its verdict in one line, and figures by method and class."""
 
 import math
 import statistics
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+
+from msgspec import UNSET, UnsetType
 
 from replay.base.numbers import count, percent, shown
+from replay.base.schemas.log import MethodResult
+from replay.base.schemas.summary import Change, MethodFigures
+from replay.base.schemas.verdicts import FAILING, VERDICTS
 from replay.base.style import styles
-from replay.report.model import FAILING, VERDICTS, Change, Row, RunData
+from replay.report.model import ResultRow, RunData
 
 
-@dataclass(frozen=True, kw_only=True)
-class Figures:
-    """One method on a set of cases. What there is no data for is None."""
-
-    results: int
-    improved: int
-    kept: int
-    failed: int
-    ratio: float | None
-    """Geometric mean of J over the recorded J [-]."""
-    cusps: float | None
-    """Mean number of gear changes."""
-    clearance: float | None
-    """Least clearance on any case [m]."""
-    wall_s: float | None
-    """Median wall time [s]."""
-    total_s: float
-    """Sum of wall times [s]."""
-
-
-def figures(rows: Iterable[Row]) -> Figures:
-    """The figures of some rows, usually those of one method."""
+def figures(rows: Iterable[ResultRow]) -> MethodFigures:
+    """Figures of some rows, usually those of one method."""
     rows = list(rows)
-    status = Counter(row.status for row in rows)
-    times = [row.wall_s for row in rows if row.wall_s is not None]
-    return Figures(
+    results = [row.result for row in rows]
+    status = Counter(result.status for result in results)
+    return MethodFigures(
         results=len(rows),
         improved=status["improved"],
         kept=status["kept"],
         failed=status["failed"],
         ratio=geometric_mean(ratio for row in rows if (ratio := cost_ratio(row)) is not None),
-        cusps=_mean(row.metrics["cusps"] for row in rows if "cusps" in row.metrics),
-        clearance=min((row.metrics["min_clearance"] for row in rows if "min_clearance" in row.metrics), default=None),
-        wall_s=statistics.median(times) if times else None,
+        cusps=_mean(_known(result.metrics.cusps for result in results)),
+        clearance=min(_known(result.metrics.min_clearance for result in results), default=None),
+        wall_s=statistics.median(times) if (times := _known(result.wall_s for result in results)) else None,
         total_s=math.fsum(times),
     )
 
 
-def cost_ratio(row: Row) -> float | None:
-    """J over the recorded path's J."""
-    before, after = row.recorded.get("objective", 0.0), row.metrics.get("objective", 0.0)
-    return after / before if before > 0.0 and after > 0.0 else None
+def _known(values: Iterable[float | UnsetType | None]) -> list[float]:
+    return [value for value in values if value is not None and value is not UNSET]
+
+
+def cost(result: MethodResult) -> float | None:
+    """J of a method's path, where it is positive."""
+    found = result.metrics.objective
+    return found if found and found > 0.0 else None
+
+
+def cost_ratio(row: ResultRow) -> float | None:
+    """J over the recorded path's J [-]."""
+    before, after = row.recorded.metrics.objective or 0.0, cost(row.result)
+    return after / before if before > 0.0 and after is not None else None
 
 
 def geometric_mean(values: Iterable[float]) -> float | None:
-    """Of positive values; None where there are none."""
+    """Geometric mean of positive values; None where there are none."""
     logarithms = [math.log(value) for value in values]
     return math.exp(math.fsum(logarithms) / len(logarithms)) if logarithms else None
 
@@ -66,13 +60,13 @@ def _mean(values: Iterable[float]) -> float | None:
     return math.fsum(values) / len(values) if values else None
 
 
-def by_method(run: RunData) -> dict[str, Figures]:
-    """The figures of each method over all cases."""
+def by_method(run: RunData) -> dict[str, MethodFigures]:
+    """Figures of each method over all cases."""
     return {name: figures(row for row in run.rows if row.method == name) for name in run.methods}
 
 
-def by_class(run: RunData) -> dict[str, dict[str, Figures]]:
-    """The figures of each class of logs and method."""
+def by_class(run: RunData) -> dict[str, dict[str, MethodFigures]]:
+    """Figures of each class of logs and method."""
     kinds = sorted({row.kind for row in run.rows})
     return {
         kind: {name: figures(r for r in run.rows if (r.kind, r.method) == (kind, name)) for name in run.methods}
@@ -84,32 +78,33 @@ def profiles(run: RunData) -> dict[str, list[float]]:
     """For each method, J over the least J that any method reached on that case, ascending."""
     best: dict[str, float] = {}
     for row in run.rows:
-        if (cost := row.metrics.get("objective", 0.0)) > 0.0:
-            best[row.case] = min(cost, best.get(row.case, math.inf))
+        best[row.case] = min(cost(row.result) or math.inf, best.get(row.case, math.inf))
     found: dict[str, list[float]] = {name: [] for name in run.methods}
     for row in run.rows:
-        if (cost := row.metrics.get("objective", 0.0)) > 0.0:
-            found[row.method].append(cost / best[row.case])
+        if (reached := cost(row.result)) is not None:
+            found[row.method].append(reached / best[row.case])
     return {name: sorted(ratios) for name, ratios in found.items() if ratios}
 
 
 def tally(changes: Iterable[Change]) -> dict[str, int]:
-    """How many comparisons say what, the gravest verdict first; those that never occur are left out."""
+    """Number of comparisons by verdict, the gravest first; verdicts that do not occur are left out."""
     counted = Counter(change.verdict for change in changes)
     return {verdict: counted[verdict] for verdict in VERDICTS if counted[verdict]}
 
 
 def ranked(changes: Iterable[Change]) -> list[Change]:
-    """What is not the same as before: the gravest first, of equal ones the largest relative change first."""
-    told = [change for change in changes if change.verdict != "same"]
-    return sorted(told, key=lambda c: (VERDICTS.index(c.verdict), -abs(c.relative or 0.0), c.log, c.case, c.method))
+    """Changes that do not say "same": the gravest first, of equal ones the largest relative change first."""
+    differing = [change for change in changes if change.verdict != "same"]
+    return sorted(
+        differing, key=lambda c: (VERDICTS.index(c.verdict), -abs(c.relative or 0.0), c.log, c.case, c.method)
+    )
 
 
 def state(run: RunData) -> str:
     """failed, passed, unfinished (and nothing failed so far), unjudged (without a baseline) or empty."""
     if run.failing or run.slower:
         return "failed"
-    if not run.complete:
+    if not run.head.complete:
         return "unfinished"
     if not run.rows and not run.errors:
         return "empty"
@@ -119,7 +114,7 @@ def state(run: RunData) -> str:
 def headline(run: RunData) -> str:
     """The verdict in one line."""
     extent = f"{count(len(run.rows), 'result')} of {logs_in_all(run)}"
-    so_far = "" if run.complete else f" (unfinished: {_progress(run)})"
+    so_far = "" if run.head.complete else f" (unfinished: {_progress(run)})"
     match state(run):
         case "failed":
             return _regression(run) + so_far
@@ -136,7 +131,7 @@ def headline(run: RunData) -> str:
 
 
 def _regression(run: RunData) -> str:
-    """How much fell short; `groups` says of what."""
+    """Number of results that fell short; `groups` says which."""
     failing = run.failing
     results = {v: {(c.log, c.case, c.method) for c in failing if c.verdict == v} for v in VERDICTS if v in FAILING}
     nouns = {"changed": "log"}
@@ -172,8 +167,8 @@ def sentence(change: Change) -> str:
 
 
 def _progress(run: RunData) -> str:
-    done = len(run.logs)
-    return f"{done} of {run.planned} logs done" if run.planned else f"{count(done, 'log')} done"
+    done, planned = len(run.logs), run.head.corpus.num_logs
+    return f"{done} of {planned} logs done" if planned else f"{count(done, 'log')} done"
 
 
 def class_of_logs(run: RunData) -> dict[str, str]:
@@ -182,20 +177,20 @@ def class_of_logs(run: RunData) -> dict[str, str]:
 
 
 def is_failing(change: Change) -> bool:
-    """Whether the run fails with this change."""
+    """Whether a run fails with this change."""
     return change.verdict in FAILING
 
 
 def is_declared(change: Change) -> bool:
-    """Whether it is against what corpus.toml expects: that has to be changed, accepting does not help."""
+    """Whether a change contradicts `corpus.toml`: that file has to be changed, accepting the run does not help."""
     return change.key == "expect" or (change.key == "error" and change.after == "read")
 
 
 def acceptable(run: RunData) -> bool:
-    """Whether accepting the run would mend any of what fails."""
+    """Whether accepting the run would mend any failure."""
     return any(not is_declared(change) for change in run.failing)
 
 
 def labels(methods: Sequence[str]) -> dict[str, str]:
-    """What people read as the names of methods."""
+    """Names of methods as people read them."""
     return {name: style.label for name, style in styles(methods).items()}

@@ -3,11 +3,15 @@
 import statistics
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+from msgspec.structs import replace
 
 from replay.base.numbers import count, percent
+from replay.base.schemas.summary import Change
+from replay.base.schemas.verdicts import FAILING, VERDICTS, Verdict
 from replay.report.facts import class_of_logs, ranked, sentence
-from replay.report.model import FAILING, VERDICTS, Change, RunData
+from replay.report.model import RunData
 
 _MOST_NAMES = 8
 _MOST_LINES = 20
@@ -15,9 +19,9 @@ _MOST_LINES = 20
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """Changes of one metric of one method in one class of logs; of a log that is another one, that alone."""
+    """Changes of one metric of one method in one class of logs; a log with other content is a group of its own."""
 
-    verdict: str
+    verdict: Verdict
     method: str
     key: str
     kind: str
@@ -32,13 +36,13 @@ class Group:
 
     @property
     def median(self) -> float | None:
-        """Of the relative changes, where there are any."""
+        """Median of the relative changes, where there are any [-]."""
         known = [relative for change in self.changes if (relative := change.relative) is not None]
         return statistics.median(known) if known else None
 
     @property
     def sentence(self) -> str:
-        """What happened, in one line."""
+        """The changes in one line."""
         if len(self.changes) == 1:
             return sentence(self.worst)
         where = count(len(self.changes), "case") + (f" of class {self.kind}" if self.kind else "")
@@ -54,14 +58,14 @@ class Group:
 
     @property
     def names(self) -> str:
-        """Of the cases or logs, as many as a line holds."""
+        """Names of the cases or logs, as many as a line holds."""
         names = [change.case or change.log for change in self.changes]
         more = len(names) - _MOST_NAMES
         return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
-def told(run: RunData) -> list[Change]:
-    """What is not the same as before, the gravest first; of a new log or a new result, that alone."""
+def notable(run: RunData) -> list[Change]:
+    """Changes worth a line, the gravest first; a new log or a new result is one change, without its figures."""
     of_log: dict[str, set[str]] = defaultdict(set)
     of_result: dict[tuple[str, str, str], set[str]] = defaultdict(set)
     for change in run.changes:
@@ -80,8 +84,8 @@ def told(run: RunData) -> list[Change]:
 def groups(run: RunData) -> list[Group]:
     """All changes, by verdict, method, metric and class; the gravest verdict first, of equal ones the most cases."""
     kinds = class_of_logs(run)
-    found: dict[tuple[str, str, str, str, str], list[Change]] = {}
-    for change in told(run):
+    found: dict[tuple[Verdict, str, str, str, str], list[Change]] = {}
+    for change in notable(run):
         alone = change.log if change.verdict == "changed" or (change.key == "log" and change.after) else ""
         kind = "" if change.key == "log" else kinds.get(change.log, "")
         place = (change.verdict, change.method, change.key, kind, alone)
@@ -94,11 +98,11 @@ def groups(run: RunData) -> list[Group]:
 
 
 def gravest(found: Iterable[Group]) -> list[Group]:
-    """Those with which the run fails."""
+    """Groups with which the run fails."""
     return [group for group in found if group.verdict in FAILING]
 
 
 def failing_lines(found: Iterable[Group]) -> tuple[list[str], int]:
-    """With what the run fails, a line for each of the gravest groups, and how many more there are."""
+    """One line for each of the gravest groups with which the run fails, and the number of further ones."""
     lines = [group.sentence for group in gravest(found)]
     return lines[:_MOST_LINES], max(0, len(lines) - _MOST_LINES)

@@ -10,6 +10,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from optim.methods import METHODS
 from replay.base.numbers import fixed, percent, shown
+from replay.base.schemas.summary import TrendPoint
 from replay.base.style import styles
 from replay.report import page_data
 from replay.report.charts import Chart, drift_chart, profile_chart, time_chart
@@ -24,8 +25,8 @@ from replay.report.facts import (
     tally,
 )
 from replay.report.groups import gravest, groups
-from replay.report.history import Point
 from replay.report.model import RunData
+from replay.report.safe import facts
 
 SIGNS: Final = {
     "failed": "✗",
@@ -42,15 +43,15 @@ SIGNS: Final = {
     "new": "+",
     "same": "=",
 }
-"""Beside every colour, for those who do not see it."""
+"""Shown beside every colour, for people who do not see it."""
 _DASHES: Final = ("none", "9 3", "3 3", "12 3 3 3", "6 2 2 2", "1.5 2.5")
-"""Nearly equal curves hide each other; dashes let those below show through."""
+"""Dash patterns: nearly equal curves hide each other, and dashes let the ones below show through."""
 _PAGE: Final = pathlib.Path(__file__).parent / "page"
 _MOST_ERRORS: Final = 200
 _MOST_SENTENCES: Final = 5
 
 
-def page(run: RunData, trend: Sequence[Point]) -> str:
+def page(run: RunData, trend: Sequence[TrendPoint]) -> str:
     """The page as text."""
     environment = Environment(
         loader=FileSystemLoader(_PAGE, encoding="utf-8"), autoescape=True, undefined=StrictUndefined
@@ -62,6 +63,8 @@ def page(run: RunData, trend: Sequence[Point]) -> str:
     lines, cases = page_data.change_lines(run), page_data.case_lines(run)
     content: dict[str, Any] = {
         "run": run,
+        "head": run.head,
+        "about": {name: facts(getattr(run.head, name.lower())) for name in ("Machine", "Versions", "Options")},
         "state": state(run),
         "headline": headline(run),
         "has_kinds": any(class_of_logs(run).values()),
@@ -92,20 +95,20 @@ def page(run: RunData, trend: Sequence[Point]) -> str:
 
 
 class _Look(NamedTuple):
-    """How the page shows a method."""
+    """Label and style of a method on the page."""
 
     label: str
     css: str
-    """Class of its curves in the style sheet."""
+    """Class of the method's curves in the style sheet."""
 
 
-def _charts(run: RunData, trend: Sequence[Point]) -> list[Chart]:
+def _charts(run: RunData, trend: Sequence[TrendPoint]) -> list[Chart]:
     charts = (profile_chart(profiles(run)), drift_chart(trend), time_chart(trend))
     return [chart for chart in charts if chart is not None]
 
 
 def _colours(names: Sequence[str]) -> str:
-    """The methods' colours, which are those of the recordings, and dashes: each method keeps its own."""
+    """Style rules for the methods' curves: colours as in the recordings, and dashes that each method keeps."""
     rules = []
     known = list(METHODS)
     others = [name for name in names if name not in known]
@@ -123,5 +126,5 @@ def _text(name: str) -> str:
 
 
 def _hash(text: str) -> str:
-    """What the page's policy allows: this text and no other."""
+    """Digest with which the page's policy allows this text and no other."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Sequence
 
 from replay.base.errors import printable
 from replay.base.numbers import count, fixed, percent, shown
+from replay.base.schemas.summary import Change, MethodTiming, UnreadLog
 from replay.report.facts import class_of_logs, is_failing, ranked, sentence
-from replay.report.model import Change, LogError, Row, RunData, Timed
+from replay.report.model import ResultRow, RunData
 
 Key = tuple[str, str, str]
 
@@ -20,7 +21,7 @@ def junit(run: RunData) -> bytes:
     suites: dict[str, list[ET.Element]] = {name: [] for name in run.methods}
     for row in run.rows:
         changes = by_key.pop((row.log, row.case, row.method), [])
-        suites[row.method].append(_test(row.method, row.case, row.kind, row.wall_s, changes, row))
+        suites[row.method].append(_test(row.method, row.case, row.kind, row.result.wall_s, changes, row))
     kinds = class_of_logs(run)
     for error in run.errors:
         changes = [change for key in list(by_key) if key[0] == error.log for change in by_key.pop(key)]
@@ -47,13 +48,14 @@ def _suite(name: str, tests: Sequence[ET.Element], run: RunData) -> ET.Element:
     for key, number in counts.items():
         suite.set(key, str(number))
     suite.set("time", _seconds(time))
-    if run.created:
-        suite.set("timestamp", run.created)
+    if run.head.created:
+        suite.set("timestamp", run.head.created)
     properties = ET.SubElement(suite, "properties")
-    about = {"revision": run.revision, "corpus": run.corpus, "partial": run.partial}
-    if run.other_options:
-        about["other options"] = run.other_options
-    about["complete"] = "yes" if run.complete else "no"
+    head = run.head
+    about = {"revision": head.revision, "corpus": head.corpus.path, "partial": head.partial}
+    if head.other_options:
+        about["other options"] = head.other_options
+    about["complete"] = "yes" if head.complete else "no"
     for key, value in about.items():
         ET.SubElement(properties, "property", {"name": key, "value": value})
     suite.extend(tests)
@@ -64,7 +66,7 @@ _OUTCOMES = {"failures": "failure", "errors": "error", "skipped": "skipped"}
 
 
 def _test(
-    method: str, case: str, kind: str, wall_s: float | None, changes: Iterable[Change], row: Row | None = None
+    method: str, case: str, kind: str, wall_s: float | None, changes: Iterable[Change], row: ResultRow | None = None
 ) -> ET.Element:
     """One test case with its outcome: at most one of error, failure and skipped, as readers expect."""
     name = f"{kind or 'log'}.{case}".replace("/", ".")
@@ -82,14 +84,14 @@ def _test(
             outcome.text += f"\nrecording: {row.recording}"
         if row is not None and row.recording_error:
             outcome.text += f"\nrecording: could not be written: {row.recording_error}"
-        if row is not None and row.reason:
-            outcome.text += f"\n{row.status} ({row.stop}): {row.reason}"
+        if row is not None and row.result.reason:
+            outcome.text += f"\n{row.result.status} ({row.result.stop}): {row.result.reason}"
     elif known:
         ET.SubElement(test, "skipped", {"message": f"known issue: {known[0].note or sentence(known[0])}"})
     return test
 
 
-def _timed(timed: Timed, against: str) -> ET.Element:
+def _timed(timed: MethodTiming, against: str) -> ET.Element:
     test = ET.Element("testcase", {"classname": "timing", "name": f"timing {timed.method}", "time": _seconds(0.0)})
     if timed.slower:
         line = f"{timed.method} is slower than {against}: {fixed(timed.ratio, 3)} times"
@@ -115,7 +117,7 @@ def explained(change: Change) -> str:
     return ", ".join(parts)
 
 
-def _unread(error: LogError, changes: Sequence[Change]) -> ET.Element:
+def _unread(error: UnreadLog, changes: Sequence[Change]) -> ET.Element:
     test = _test("reading", error.log, error.kind, None, changes)
     if not error.expected and not any(test.find(tag) is not None for tag in _OUTCOMES.values()):
         message = printable(error.error, 300)

@@ -16,23 +16,21 @@ MOST_LINES = 20
 def markdown(run: RunData) -> str:
     """The text of a comment."""
     parts = [f"### {SIGNS[state(run)]} {escaped(headline(run))}"]
-    about = [("revision", run.revision), ("corpus", run.corpus), ("run", run.name)]
+    about = [("revision", run.head.revision), ("corpus", run.head.corpus.path), ("run", run.name)]
     parts.append(", ".join(f"{name} {escaped(value)}" for name, value in about if value))
-    if not run.complete:
+    if not run.head.complete:
         parts.append("**Unfinished:** this is what there is so far.")
-    if run.partial:
-        parts.append(f"**Only a part of the corpus:** {escaped(run.partial)}.")
-    if run.other_options:
-        parts.append(f"**Other options:** {escaped(run.other_options)}.")
+    if run.head.partial:
+        parts.append(f"**Only a part of the corpus:** {escaped(run.head.partial)}.")
+    if run.head.other_options:
+        parts.append(f"**Other options:** {escaped(run.head.other_options)}.")
     if run.damaged:
         parts.append(f"**{count(len(run.damaged), 'file')} of the run cannot be read** and are left out.")
-    unexpected = [error for error in run.errors if not error.expected]
-    if unexpected:
+    if unexpected := run.unexpected:
         names = ", ".join(escaped(error.log) for error in unexpected[:MOST_LINES])
         parts.append(f"{count(len(unexpected), 'log')} could not be used: {names}")
         parts += [escaped(error.cure) for error in unexpected[:MOST_LINES] if error.cure]
-    unwritten = {row.case: row.recording_error for row in run.rows if row.recording_error}
-    if unwritten:
+    if unwritten := run.unwritten:
         reason = escaped(next(iter(unwritten.values())))
         parts.append(f"**{count(len(unwritten), 'recording')} could not be written:** {reason}")
     changed = groups(run) if run.compared else []  # else all is new, which the headline says
@@ -46,8 +44,9 @@ def markdown(run: RunData) -> str:
         parts.append(_methods(run))
     if run.timing:
         parts.append(_timing(run))
-    if run.accept and acceptable(run):
-        parts.append(f"If this is meant: `{run.accept.replace('`', '')}`")
+    accept = run.head.commands.accept if run.head.commands else ""
+    if accept and acceptable(run):
+        parts.append(f"If this is intended: `{accept.replace('`', '')}`")
     return "\n\n".join(part for part in parts if part) + "\n"
 
 

@@ -1,13 +1,17 @@
-"""What the page shows of a run, in the order and the amount in which it shows it."""
+"""Rows of the page's tables, sorted and cut."""
 
 import urllib.parse
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from replay.base.numbers import NO_VALUE, percent, shown
+from replay.base.schemas.log import MethodResult
+from replay.base.schemas.summary import Change
+from replay.base.schemas.values import known
+from replay.base.schemas.verdicts import VERDICTS
 from replay.report.facts import class_of_logs, cost_ratio
-from replay.report.groups import told
-from replay.report.model import VERDICTS, Change, Row, RunData
+from replay.report.groups import notable
+from replay.report.model import ResultRow, RunData
 
 MOST_CHANGES = 500
 MOST_CASES = 1000
@@ -22,14 +26,14 @@ class ChangeLine:
     kind: str
     """Class of the log."""
     href: str | None
-    """Of the case's recording, where there is one."""
+    """Link to the case's recording, where there is one."""
     unwritten: str
-    """Why it could not be written."""
+    """Why the recording could not be written."""
     difference: str
     sort: float | None
-    """By what the column of differences is sorted."""
+    """Sort key of the column of differences."""
     traceback: str
-    """Of a crash, where an exception was raised."""
+    """Traceback of a crash, where an exception was raised."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +68,7 @@ def change_lines(run: RunData) -> list[ChangeLine]:
     hrefs = {row.case: href(row.recording) for row in run.rows if row.recording}
     unwritten = {row.case: row.recording_error for row in run.rows}
     lines = []
-    for change in told(run):
+    for change in notable(run):
         row = rows.get((change.log, change.case, change.method))
         place = href(row.recording) if row and row.recording else hrefs.get(change.case)
         relative, difference = change.relative, change.difference
@@ -73,7 +77,7 @@ def change_lines(run: RunData) -> list[ChangeLine]:
             text = f"{text} ({percent(relative)})"
         sort = relative if relative is not None else difference
         kind = kinds.get(change.log, "")
-        trace = "\n".join(row.traceback) if row and change.verdict == "crashed" else ""
+        trace = (row.result.traceback or "") if row and change.verdict == "crashed" else ""
         lost = unwritten.get(change.case, "")
         lines.append(
             ChangeLine(
@@ -91,17 +95,17 @@ def case_lines(run: RunData) -> list[CaseLine]:
         if change.verdict != "same":
             name = change.case or change.log
             gravest[name] = min(VERDICTS.index(change.verdict), gravest.get(name, same))
-    cases: dict[str, list[Row]] = {}
+    cases: dict[str, list[ResultRow]] = {}
     for row in run.rows:
         cases.setdefault(row.case, []).append(row)
     lines = [_case_line(name, rows, gravest.get(name, same)) for name, rows in cases.items()]
     return sorted(lines, key=lambda line: (line.rank, line.name))
 
 
-def _case_line(name: str, rows: list[Row], rank: int) -> CaseLine:
+def _case_line(name: str, rows: list[ResultRow], rank: int) -> CaseLine:
     first = rows[0]
     cells = {
-        row.method: ResultCell(status=row.status, ratio=cost_ratio(row), reason=f"{row.stop}. {row.reason}")
+        row.method: ResultCell(status=row.result.status, ratio=cost_ratio(row), reason=_reason(row.result))
         for row in rows
     }
     recordings = [row.recording for row in rows if row.recording]
@@ -111,11 +115,15 @@ def _case_line(name: str, rows: list[Row], rank: int) -> CaseLine:
         tags=", ".join(first.tags),
         verdict=VERDICTS[rank] if rank < len(VERDICTS) else "",
         rank=rank,
-        recorded=first.recorded.get("objective"),
-        recorded_passed=first.recorded_passed,
+        recorded=known(first.recorded.metrics.objective),
+        recorded_passed=first.recorded.audit.passed if first.recorded.audit else None,
         href=href(recordings[0]) if recordings else None,
         results=cells,
     )
+
+
+def _reason(result: MethodResult) -> str:
+    return f"{result.stop}. {result.reason}"
 
 
 def href(recording: str | None) -> str | None:

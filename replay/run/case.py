@@ -1,14 +1,16 @@
 """What one recorded request is, once it has been understood: a problem and where it comes from."""
 
 import pathlib
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optim.model.problem import Problem
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64, Int8
+from replay.base.numbers import count
 
 HitchSource = Literal["trailer path", "joint", "transform", "reconstructed"]
 
@@ -17,7 +19,7 @@ HitchSource = Literal["trailer path", "joint", "transform", "reconstructed"]
 class MapImage:
     """An occupancy grid as it was recorded, for drawing."""
 
-    cells: NDArray[np.int8]
+    cells: Int8[NDArray[np.int8], "H W"]
     """Shape (H, W), read-only: -1 unknown, 0 free ... 100 occupied. Row 0 is the bottom row."""
     resolution: float
     """Side of a cell [m]."""
@@ -57,7 +59,7 @@ class Case:
     """File stem and number of the request, such as ``bay_01/0``."""
     log: pathlib.Path
     sha256: str
-    """Of the whole log file, in hexadecimal digits."""
+    """Digest of the whole log file, in hexadecimal digits."""
     problem: Problem
     read: ReadReport
     map: MapImage | None
@@ -66,6 +68,14 @@ class Case:
     """Coordinate frame of the map and of every path."""
     time_ns: int = 0
     """When the path was logged [ns]."""
-    logged: Array | None = None
+    logged: Float64[Array, "n 3"] | None = None
     """Poses as the log holds them, noise and all: x, y [m], heading [rad] of the truck's rear axle, in `frame`; for
     drawing. Shape (n, 3), read-only. None where a case comes from a results file."""
+    reading: Mapping[str, Any] | None = None
+    """Options that the log was read with, as plain data: the fields of `replay.logs.ReadOptions`. None where
+    unknown."""
+
+    def __repr__(self) -> str:
+        path, obstacles = self.problem.recorded, len(self.problem.scene.polygons)
+        driven = f"{path.length:.2f} m, {count(path.num_cusps, 'gear change')}"
+        return f"Case({self.name!r}: {driven}, {count(obstacles, 'convex obstacle')})"

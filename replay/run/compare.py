@@ -11,10 +11,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from optim.model.metrics import UNITS
 from optim.model.objective import objective
 from replay.base.errors import ReplayError
 from replay.base.style import Style, lighter, styles
-from replay.run.judge import MethodRun, Run
+from replay.run.outcome import MethodRun, Run
 from replay.run.results import read_results
 from replay.run.stored import run_of
 
@@ -37,7 +38,7 @@ class Side:
 
     @property
     def names(self) -> list[str]:
-        """What it has."""
+        """Names of its paths."""
         return [RECORDED, *(method.name for method in self.run.methods)]
 
 
@@ -48,7 +49,7 @@ class Entry:
     method: str
     status: str
     values: Mapping[str, float]
-    """Of each of `QUANTITIES`; nan where there is none."""
+    """Value of each of `QUANTITIES`; NaN where there is none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +159,7 @@ def _pair(a: Side, b: Side, first: str, second: str) -> Pair:
     for side, name in ((a, first), (b, second)):
         run, method = side.run, _method(side.run, name)
         metrics = run.recorded_metrics if method is None else method.metrics
-        values = {quantity: metrics.get(quantity, math.nan) for quantity in QUANTITIES}
+        values = {quantity: float(getattr(metrics, quantity)) for quantity in QUANTITIES if quantity in UNITS}
         values["wall_s"] = math.nan if method is None else method.wall_s
         if not same:
             path = run.case.problem.recorded if method is None else method.path

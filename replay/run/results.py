@@ -1,221 +1,139 @@
-"""The results file, schema `replay.results/1`: a run as plain data.
-
-Beyond the fields of the schema a document holds, additively: `weights` (of the objective, which the audit
-recomputes), `scene.boundary` (the map's outline or null), `recorded_metrics` and `recorded_audit`,
-`methods[].rejected` (the audit of a path that was turned down), `read.lost`, `tool.python`, and, where the command
-line made the run, `tool.reading` and `tool.limits`: with them, it can be repeated exactly.
-"""
+"""The results file: a run as the document of `replay.base.schemas.results`, written and read."""
 
 import dataclasses
-import enum
-import importlib.metadata
-import json
-import math
 import os
 import platform
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any, Final
 
-import numpy as np
+import msgspec
 
-from optim.model.path import Path, Segment
-from optim.model.scene import Scene
+from optim.audit.report import AuditReport, Check
+from optim.model.metrics import Metrics
+from replay.base.documents import DocumentError, convert, read_json, to_bytes
 from replay.base.errors import ReplayError
 from replay.base.files import atomic_write
-from replay.base.strict_json import JsonError, read_json
+from replay.base.schemas.results import (
+    SCHEMA,
+    AuditDocument,
+    CheckDocument,
+    IterateDocument,
+    LimitsDocument,
+    LogDocument,
+    MethodDocument,
+    MetricsDocument,
+    PlaceDocument,
+    ReadDocument,
+    ResultsDocument,
+    ToolDocument,
+)
+from replay.base.versions import DISTRIBUTION, PACKAGES, installed_version
+from replay.run.case import ReadReport
+from replay.run.outcome import MethodRun, Run
+from replay.run.plain import RESULTS_ERROR, path_to_document, scene_to_document
 
-if TYPE_CHECKING:
-    from optim.model.problem import Problem
-    from replay.run.judge import MethodRun, Run
-
-SCHEMA = "replay.results/1"
-RESULTS_ERROR = "E_RESULTS"
-DISTRIBUTION = "truck-trailer-replay"
-PACKAGES = ("numpy", "scipy", "numba", "shapely", "zstandard", "lz4", "rerun-sdk")
-"""Distributions whose versions a document holds: what can change a number or a file."""
-COLUMNS = ("s", "x", "y", "theta", "alpha", "phi")
-LARGEST_FILE = 512 * 2**20
+LARGEST_FILE: Final = 512 * 2**20
 """A results file may not be larger [bytes]; a path of 100 m takes about 0.2 MB."""
-LEAST_GAIN = 1e-9
-"""Relative gain in J that "improved" claims at least where the recorded path passes the audit too [-]: rounding alone
-reaches 1e-12."""
-CLEARANCE_SLACK = 1e-4
-"""By which the clearance of what is "improved" may fall short of the required one [m]; methods keep 1e-6."""
 
 
-def lacks_clearance(problem: "Problem", measured: Mapping[str, float]) -> bool:
-    """Whether a path with these metrics comes nearer to obstacles than a result may."""
-    return measured["min_clearance"] < problem.required_clearance - CLEARANCE_SLACK
-
-
-def to_document(run: "Run", settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """A run as plain data; what is not finite becomes None when it is written.
-
-    `settings` are options beside those of the methods: `reading` and `limits`, under `tool`.
-    """
+def to_document(run: Run) -> ResultsDocument:
+    """A run as plain data; what is not finite becomes null when it is written."""
     case, problem = run.case, run.case.problem
-    return {
-        "schema": SCHEMA,
-        "log": {"path": os.fspath(case.log), "sha256": case.sha256, "case": case.name},
-        "tool": tool() | {"options": run.options, "seed": run.seed} | dict(settings or {}),
-        "vehicle": dataclasses.asdict(problem.vehicle),
-        "scene": scene_to_document(problem.scene, problem.margin),
-        "weights": dataclasses.asdict(problem.weights),
-        "recorded": path_to_document(problem.recorded),
-        "recorded_metrics": run.recorded_metrics,
-        "recorded_audit": run.recorded_audit,
-        "read": dataclasses.asdict(case.read),
-        "methods": [_method(method) for method in run.methods],
-    }
+    return ResultsDocument(
+        schema=SCHEMA,
+        log=LogDocument(path=os.fspath(case.log), sha256=case.sha256, case=case.name),
+        tool=_tool(run),
+        vehicle=dataclasses.asdict(problem.vehicle),
+        scene=scene_to_document(problem.scene, problem.margin),
+        weights=dataclasses.asdict(problem.weights),
+        recorded=path_to_document(problem.recorded),
+        recorded_metrics=metrics_document(run.recorded_metrics),
+        recorded_audit=audit_document(run.recorded_audit),
+        read=read_document(case.read),
+        methods=tuple(_method(method) for method in run.methods),
+    )
 
 
-def scene_to_document(scene: Scene, margin: float | None = None) -> dict[str, Any]:
-    """A scene as plain data: polygons and boundary as lists of [x, y] in metres."""
-    return {
-        "polygons": [np.asarray(polygon).tolist() for polygon in scene.polygons],
-        "boundary": None if scene.boundary is None else np.asarray(scene.boundary).tolist(),
-        "frame": scene.frame,
-        "margin": margin,
-    }
+def _tool(run: Run) -> ToolDocument:
+    limits = run.limits
+    return msgspec.structs.replace(
+        program(),
+        options=run.options,
+        seed=run.seed,
+        reading=msgspec.UNSET if run.case.reading is None else run.case.reading,
+        limits=msgspec.UNSET if limits is None else LimitsDocument(time_s=limits.time_s, memory_mib=limits.memory_mib),
+    )
 
 
-def path_to_document(path: Path) -> dict[str, Any]:
-    """A path as plain data; every float exactly."""
-    segments = [
-        {"direction": int(segment.direction)} | {key: getattr(segment, key).tolist() for key in COLUMNS}
-        for segment in path.segments
-    ]
-    return {"segments": segments}
+def program() -> ToolDocument:
+    """Versions of the program and of its packages."""
+    versions = {name: installed_version(name) for name in PACKAGES}
+    return ToolDocument(version=installed_version(DISTRIBUTION), packages=versions, python=platform.python_version())
 
 
-def path_from_document(document: Mapping[str, Any]) -> Path:
-    """The inverse of `path_to_document`. ReplayError (E_RESULTS) where the data are no path."""
-    try:
-        return Path(
-            tuple(
-                Segment(direction=segment["direction"], **{key: np.array(segment[key], float) for key in COLUMNS})
-                for segment in document["segments"]
-            )
-        )
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        raise ReplayError(RESULTS_ERROR, f"not a path: {type(error).__name__}: {error}") from error
+def _method(method: MethodRun) -> MethodDocument:
+    return MethodDocument(
+        name=method.name,
+        status=method.status,
+        stop=method.stop,
+        reason=method.reason,
+        path=path_to_document(method.path),
+        metrics=metrics_document(method.metrics),
+        audit=audit_document(method.audit),
+        iterations=method.iterations,
+        wall_s=method.wall_s,
+        history=tuple(IterateDocument(**vars(record)) for record in method.history),
+        rejected=None if method.rejected is None else audit_document(method.rejected),
+    )
 
 
-def write_results(path: str | os.PathLike[str], document: Mapping[str, Any]) -> None:
-    """Write a document atomically: UTF-8, sorted keys, null for what is not finite, floats so that they come back.
+def metrics_document(metrics: Metrics) -> MetricsDocument:
+    """Metrics as plain data."""
+    return MetricsDocument(**dataclasses.asdict(metrics))
 
-    Raises ReplayError (E_WRITE) where the file cannot be written.
-    """
-    text = json.dumps(plain(document), sort_keys=True, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    # A file name that is no valid UTF-8 reaches us with lone surrogates; in JSON these are escapes.
-    content = text.encode("utf-8", errors="backslashreplace") + b"\n"
+
+def audit_document(report: AuditReport) -> AuditDocument:
+    """An audit as plain data."""
+    checks = {name: _check(check) for name, check in report.checks.items()}
+    return AuditDocument(passed=report.passed, complete=report.complete, checks=checks)
+
+
+def _check(check: Check) -> CheckDocument:
+    place = None
+    if check.place is not None:
+        place = PlaceDocument(**{name: value for name, value in vars(check.place).items() if value is not None})
+    return CheckDocument(
+        passed=check.passed, sentence=check.sentence, values=check.values, limits=check.limits, place=place
+    )
+
+
+def read_document(read: ReadReport) -> ReadDocument:
+    """What reading the log found, as plain data."""
+    return ReadDocument(**vars(read))
+
+
+def write_results(path: str | os.PathLike[str], document: ResultsDocument) -> None:
+    """Write a document atomically. Raises ReplayError (E_WRITE) where the file cannot be written."""
+    content = to_bytes(document)
     with atomic_write(path) as temporary:
         temporary.write_bytes(content)
 
 
-def read_results(path: str | os.PathLike[str]) -> dict[str, Any]:
+def read_results(path: str | os.PathLike[str]) -> ResultsDocument:
     """Read a results file from anywhere. What its paths and numbers are worth is the business of `replay.run.confirm`.
 
-    Raises ReplayError (E_RESULTS), one line, for what is no file, too large, no strict JSON (see `strict_json`), of
-    another schema, or lacks a field.
+    Raises ReplayError (E_RESULTS), one line that names the field, for what is no results file.
     """
     try:
-        document = read_json(path, LARGEST_FILE)
-    except JsonError as error:
+        return read_json(path, ResultsDocument, LARGEST_FILE)
+    except DocumentError as error:
         expected = "" if os.fspath(path).endswith(".json") else "; expected a results file, STEM.results.json"
         raise ReplayError(RESULTS_ERROR, f"{os.fspath(path)}: {error}{expected}") from None
-    require_outline(document, os.fspath(path))
-    return document
 
 
-_OUTLINE: Mapping[str, type] = {
-    "log": dict,
-    "tool": dict,
-    "vehicle": dict,
-    "scene": dict,
-    "weights": dict,
-    "recorded": dict,
-    "methods": list,
-}
-_METHOD_OUTLINE: Mapping[str, type] = {
-    "name": str,
-    "status": str,
-    "path": dict,
-    "metrics": dict,
-    "audit": dict,
-}
-_STATUSES = ("improved", "kept", "failed")
-
-
-def require_outline(document: Any, source: str) -> None:
-    """ReplayError (E_RESULTS) unless the document has the schema's fields, and in them the right types."""
-    wrong = _wrong_with(document)
-    if wrong:
-        raise ReplayError(RESULTS_ERROR, f"{source}: no {SCHEMA} file: {wrong}")
-
-
-def _wrong_with(document: Any) -> str | None:
-    if not isinstance(document, dict):
-        return f"holds a {type(document).__name__}, expected an object"
-    if document.get("schema") != SCHEMA:
-        return f"schema is {str(document.get('schema'))[:60]!r}"
-    wrong = _wrong_fields(document, _OUTLINE, "")
-    if wrong:
-        return wrong
-    for i, method in enumerate(document["methods"]):
-        if not isinstance(method, dict):
-            return f"methods[{i}] is a {type(method).__name__}, expected an object"
-        wrong = _wrong_fields(method, _METHOD_OUTLINE, f"methods[{i}].")
-        if wrong:
-            return wrong
-        if method["status"] not in _STATUSES:
-            return f"methods[{i}].status is {method['status'][:60]!r}, expected one of {', '.join(_STATUSES)}"
-    names = [method["name"] for method in document["methods"]]
-    return "two methods have one name" if len(set(names)) < len(names) else None
-
-
-def _wrong_fields(data: Mapping[str, Any], outline: Mapping[str, type], where: str) -> str | None:
-    for key, kind in outline.items():
-        if key not in data:
-            return f"{where}{key} is missing"
-        if not isinstance(data[key], kind):
-            return f"{where}{key} is a {type(data[key]).__name__}, expected a {kind.__name__}"
-    return None
-
-
-def _method(method: "MethodRun") -> dict[str, Any]:
-    fields = ("name", "status", "stop", "reason", "metrics", "audit", "iterations", "wall_s", "history", "rejected")
-    return {name: getattr(method, name) for name in fields} | {"path": path_to_document(method.path)}
-
-
-def tool() -> dict[str, Any]:
-    """Which program made a document."""
-    versions = {name: installed_version(name) for name in PACKAGES}
-    return {"version": installed_version(DISTRIBUTION), "packages": versions, "python": platform.python_version()}
-
-
-def installed_version(distribution: str) -> str | None:
-    """The version of a distribution; None where it is not installed."""
+def results_of(data: Mapping[str, Any], source: str) -> ResultsDocument:
+    """Plain data as a results document; `source` names where they come from. Raises ReplayError (E_RESULTS)."""
     try:
-        return importlib.metadata.version(distribution)
-    except importlib.metadata.PackageNotFoundError:
-        return None
-
-
-def plain(value: Any) -> Any:
-    """Data as JSON can hold them: NumPy's numbers and arrays as Python's, what is not finite as None."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, (np.ndarray, np.generic)):
-        return plain(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, enum.Enum):
-        return plain(value.value)
-    if value is None or isinstance(value, (bool, int, str)):
-        return value
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    raise TypeError(f"results: {type(value).__name__} has no place in a document")
+        return convert(data, ResultsDocument)
+    except DocumentError as error:
+        raise ReplayError(RESULTS_ERROR, f"{source}: {error}") from None

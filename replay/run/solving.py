@@ -7,12 +7,14 @@ import traceback
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Self
 
 from numba.core import event
 
 from optim.model.method import Method
 from optim.model.problem import Problem
 from optim.model.result import Iterate, OnIterate, Result
+from replay.run.limits import Limits
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -25,19 +27,19 @@ class Solved:
     error: str = ""
     """One line; empty unless it failed."""
     traceback: str = ""
-    """Of an exception, for developers."""
+    """Traceback of an exception, for developers."""
     wall_s: float
-    """Time that it took, without compiling [s]."""
+    """Wall time, without compiling [s]."""
     compile_s: float
     """Time that went into compiling kernels [s]."""
 
 
 OnStart = Callable[[str], None]
-"""Hears the name of a method that begins."""
+"""Called with the name of a method that begins."""
 OnNamedIterate = Callable[[str, Iterate], None]
-"""Hears a method's name and its iterate."""
+"""Called with a method's name and its iterate."""
 SolveEach = Callable[[Problem, Mapping[str, Method], OnStart, OnNamedIterate], Generator[tuple[str, Solved]]]
-"""Run methods, each by itself, telling their iterates; what came of each by its name, in the order in which they end.
+"""Run methods, each by itself, reporting their iterates; outcomes by name, in the order in which methods end.
 Whatever a method does wrong comes back as `Solved.error`."""
 
 
@@ -46,11 +48,11 @@ class OutOfTime(BaseException):
 
 
 class _Compiling(event.Listener):
-    """How long kernels were being compiled since it was installed; tells when that begins and ends."""
+    """Measures the time for which kernels are compiled; reports when compiling begins and ends."""
 
-    def __init__(self, tell: Callable[[bool], None], clock: Callable[[], float]) -> None:
-        """`clock` is what `by_clock` is told by; `total` is told by the clock on the wall."""
-        self.tell, self.clock = tell, clock
+    def __init__(self, report: Callable[[bool], None], clock: Callable[[], float]) -> None:
+        """`by_clock` is measured with `clock`; `total` is wall time."""
+        self.report, self.clock = report, clock
         self.total, self.by_clock, self._depth, self._began = 0.0, 0.0, 0, (0.0, 0.0)
 
     def on_start(self, event: event.Event) -> None:
@@ -58,7 +60,7 @@ class _Compiling(event.Listener):
         self._depth += 1
         if self._depth == 1:
             self._began = time.perf_counter(), self.clock()
-            self.tell(True)
+            self.report(True)
 
     def on_end(self, event: event.Event) -> None:
         del event
@@ -66,7 +68,7 @@ class _Compiling(event.Listener):
         if self._depth == 0:
             self.total += time.perf_counter() - self._began[0]
             self.by_clock += self.clock() - self._began[1]
-            self.tell(False)
+            self.report(False)
 
 
 def solve(
@@ -81,7 +83,7 @@ def solve(
     """Run a method in this process.
 
     After `time_limit` [s], compiling not counted, the next iterate ends it, and there is no result; with
-    `by_processor` that is the time for which the processor has worked for this process. `on_compiling` is told True
+    `by_processor` that is processor time of this process. `on_compiling` is called with True
     when compiling begins and False when it ends.
     """
     clock = time.process_time if by_processor else time.perf_counter
@@ -116,6 +118,24 @@ def _place(error: BaseException) -> str:
     """File, with the folder that it is in, and line where an exception was raised."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     return f"{'/'.join(pathlib.PurePath(last.filename).parts[-2:])}:{last.lineno}"
+
+
+class InTurn:
+    """Runs methods in this process, one after the other; a `SolveEach`, and a context manager as `Workers` is."""
+
+    def __init__(self, limits: Limits) -> None:
+        """The time limit ends a method at its next iterate; there is no memory limit."""
+        self.limits = limits
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def __call__(
+        self, problem: Problem, methods: Mapping[str, Method], on_start: OnStart, on_iterate: OnNamedIterate
+    ) -> Generator[tuple[str, Solved]]:
+        return solve_in_turn(problem, methods, on_start, on_iterate, time_limit=self.limits.time_s)
 
 
 def solve_in_turn(

@@ -1,8 +1,8 @@
-"""Running methods in child processes, so that a crash, a hang or a hunger for memory costs one method and no more.
+"""Running methods in child processes, so that a crash, a hang or a shortage of memory costs one method and no more.
 
 A child is forked once, and again after it had to be ended or has died; it stays warm between methods. It gets a
 problem and a method, and sends iterates and the outcome back. Ctrl-C is the parent's business: the child ignores it
-and is killed. When the parent dies, the child is ended by the system (Linux), or ends with its next word.
+and is killed. When the parent dies, the child is ended by the system (Linux), or ends with its next message.
 """
 
 import contextlib
@@ -17,7 +17,6 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping
-from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from types import MappingProxyType
@@ -28,12 +27,9 @@ import numpy as np
 from optim.model.method import Method
 from optim.model.problem import Problem
 from optim.model.result import OnIterate, ignore
+from replay.run.limits import GRACE_S, NO_LIMITS, Limits
 from replay.run.solving import OnNamedIterate, OnStart, Solved, solve
 
-GRACE_S = 2.0
-"""Time that a method has to tell its next iterate after its time is up [s]; then its process is ended."""
-BUSY = 5.0
-"""Times the limit of processor time by which a busy machine may delay a method; then it is taken to hang."""
 _MIB = 1 << 20
 _PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
 _ENDING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP} if hasattr(signal, "SIGHUP") else set[signal.Signals]()
@@ -50,26 +46,6 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
-@dataclass(frozen=True, kw_only=True)
-class Limits:
-    """Of one method."""
-
-    time_s: float = math.inf
-    """Of solving, compiling not counted [s]."""
-    by_processor: bool = False
-    """Whether that is time of the processor, which does not depend on what else the machine does."""
-    memory_mib: int | None = None
-    """Of data that the process may hold [MiB]; only systems with RLIMIT_DATA keep it."""
-
-    @property
-    def watch_s(self) -> float:
-        """Time by the clock on the wall after which the process is ended, whatever it does [s]."""
-        return self.time_s * (BUSY if self.by_processor else 1.0) + GRACE_S
-
-
-NO_LIMITS = Limits()
-
-
 class Worker:
     """A child process that runs methods, one at a time; see `Workers`."""
 
@@ -81,7 +57,7 @@ class Worker:
         self._on_iterate: OnIterate = ignore
 
     def begin(self, problem: Problem, method: Method, on_iterate: OnIterate) -> None:
-        """Give a method to the child, which has none; `step` hears what comes of it."""
+        """Give a method to the child, which has none; `step` returns what comes of it."""
         pipe = self._ready()
         self._clock, self._on_iterate = _Clock(self.limits.watch_s), on_iterate
         with contextlib.suppress(BrokenPipeError):  # it has died: the pipe's end says so in `step`
@@ -89,7 +65,7 @@ class Worker:
 
     @property
     def pipe(self) -> Any:
-        """Where the child's words come; `wait` takes it."""
+        """Connection to the child; `wait` takes it."""
         return self._pipe
 
     def left(self) -> float | None:
@@ -97,7 +73,7 @@ class Worker:
         return self._clock.left()
 
     def step(self) -> Solved | None:
-        """Take one word of the child, if there is one; the outcome when that has come, or when its time is up."""
+        """Handle one message from the child; return the outcome once it arrives or time runs out."""
         if not self._pipe.poll(0.0):
             if self.left() != 0.0:
                 return None
@@ -106,7 +82,7 @@ class Worker:
         try:
             kind, body = pickle.loads(self._pipe.recv_bytes())
         except (EOFError, OSError):
-            return self._lost(error=self._last_words())
+            return self._lost(error=self._cause_of_death())
         if kind == "solved":
             return body
         if kind == "iterate":
@@ -137,8 +113,8 @@ class Worker:
         self._pipe = ours
         return ours
 
-    def _last_words(self) -> str:
-        """Why the child has gone."""
+    def _cause_of_death(self) -> str:
+        """Why the child ended."""
         self._process.join(GRACE_S)
         code = self._process.exitcode
         self.end()
@@ -163,6 +139,7 @@ class Workers:
 
     def __init__(self, limits: Limits = NO_LIMITS, jobs: int = 1, meanwhile: Callable[[], None] = lambda: None) -> None:
         """`jobs` children at most; `meanwhile` is called once all of them have work, each time methods are run."""
+        self.limits = limits
         self._workers = tuple(Worker(limits) for _ in range(jobs))
         self._meanwhile = meanwhile
 
@@ -202,7 +179,7 @@ class Workers:
 
 
 def _step(busy: Mapping[str, Worker]) -> dict[str, Solved]:
-    """Wait until a child has a word to say, or has used up its time; outcomes by the method's name."""
+    """Wait until a child sends a message or has used up its time; outcomes by the method's name."""
     lefts = [left for worker in busy.values() if (left := worker.left()) is not None]
     wait([worker.pipe for worker in busy.values()], min(lefts, default=None))
     stepped = {name: worker.step() for name, worker in busy.items()}
@@ -274,7 +251,7 @@ def _signals_later() -> Iterator[None]:
 def end_with_parent(parent: int) -> None:
     """Have the system end this process when the thread that started it ends, where it can (Linux).
 
-    Without it a child of a killed process would work on, until it has its next word to say.
+    Without it a child of a killed process would work on, until its next message.
     """
     if sys.platform != "linux":
         return
@@ -295,7 +272,7 @@ def limit_memory(memory_mib: int | None) -> None:
 
 
 class _Pickler(pickle.Pickler):
-    """Keeps read-only arrays read-only: kernels are compiled for those, and would be compiled anew for others."""
+    """Keeps read-only arrays read-only: kernels are compiled for those, and would be compiled again for others."""
 
     def reducer_override(self, obj: Any) -> Any:
         if isinstance(obj, np.ndarray) and not obj.flags.writeable:

@@ -23,7 +23,7 @@ from optim.model.objective import objective
 from optim.model.problem import Problem
 from optim.model.result import Result
 from replay.base.kernels import drop_stale
-from replay.cli import use_one_thread
+from replay.base.threads import use_one_thread
 from replay.logs import ReadOptions, read_cases
 from replay.run.case import Case
 from replay.run.judge import run_case

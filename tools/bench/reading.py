@@ -64,7 +64,7 @@ def measure(path: pathlib.Path) -> dict[str, Any]:
     for topic in topics_of(log):
         for index in range(len(topic.messages)):
             content = topic.decode(index)
-            poses += len(content.poses) if topic.family.role == "path" else 0
+            poses += len(content.poses) if topic.message_type.role == "path" else 0
     return {
         "wall_s": time.perf_counter() - wall,
         "cpu_s": time.process_time() - cpu,

@@ -10,7 +10,7 @@ Peers come with `pip install -e '.[bench]'`; those that are not installed are le
 import argparse
 import pathlib
 
-from replay.cli import use_one_thread
+from replay.base.threads import use_one_thread
 
 use_one_thread()
 

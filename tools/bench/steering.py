@@ -21,7 +21,8 @@ import numpy as np
 
 from optim.model.kinematics import rk4_step
 from optim.model.vehicle import Vehicle
-from optim.steering import Flat, connections
+from optim.steering.connect import connections
+from optim.steering.flat import Flat
 from replay.base.kernels import drop_stale
 from tools.script import from_one, run
 
@@ -107,7 +108,8 @@ def print_cold_start() -> None:
     """How long the first call takes without and with compiled code on disk."""
     program = (
         "import time\n"
-        "from optim.steering import Flat, connections\n"
+        "from optim.steering.connect import connections\n"
+        "from optim.steering.flat import Flat\n"
         "from optim.model.vehicle import Vehicle\n"
         "begin = time.process_time()\n"
         "for connection in connections(Vehicle(), Flat(0, 0, 0, 0, 0), Flat(30, -5, 0, 0, 0), 1):\n"

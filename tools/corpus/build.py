@@ -15,19 +15,27 @@ from optim.model.path import sample_segment
 from optim.model.scene import Scene, make_scene
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array
-from optim.planning.closed_loop import ClosedLoopTree
+from optim.planning.closed_loop import ClosedLoopRrt
 from optim.planning.hybrid import HybridAStar
-from optim.planning.protocol import Plan, Planner, Task
-from optim.planning.rrt import Found, Search, plan
+from optim.planning.protocol import PlannedPath, Planner, PlanningProblem, place_flat
+from optim.planning.rrt import Found, Rrt
 from tools.corpus.grid import Cells, draw_grid
-from tools.corpus.site import Site, footprints, ground, place_flat
+from tools.corpus.site import Site, footprints, ground
+from tools.corpus.tables import kept_table
 
 MAX_SEEDS = 100
-"""So many searches are tried for a site before it counts as impossible."""
+"""Maximum number of searches for a site."""
 MIN_EDGES = 4
 """Paths of fewer edges leave nothing to cut short."""
+RRT: Final = Rrt()
 PLANNERS: Final[Mapping[str, Planner]] = MappingProxyType(
-    {"CL-RRT": ClosedLoopTree(max_iterations=1500), "Hybrid A*": HybridAStar(max_nodes=120_000)}
+    {
+        planner.name: planner
+        for planner in (
+            ClosedLoopRrt(max_iterations=1500, table=kept_table),
+            HybridAStar(max_nodes=120_000, table=kept_table),
+        )
+    }
 )
 """The planners beside the RRT, which `build` uses; bounded by effort, never by time."""
 
@@ -73,10 +81,10 @@ def planner_scene(site: Site, cells: Cells | None) -> Scene:
     return make_scene(cover_cells(cells.blocked, cells.resolution, cells.origin), boundary=ground(site))
 
 
-def task_of(site: Site, cells: Cells | None) -> Task:
-    """The site as planners are given it."""
+def problem_of(site: Site, cells: Cells | None) -> PlanningProblem:
+    """The site as planners take it."""
     start, goal = (place_flat(flat, site.pose) for flat in (site.start, site.goal))
-    return Task(
+    return PlanningProblem(
         vehicle=planner_vehicle(site.vehicle),
         scene=planner_scene(site, cells),
         start=start,
@@ -96,16 +104,16 @@ class _Drive(NamedTuple):
     num_cusps: int
 
 
-def build(site: Site, search: Search | None = None, max_seeds: int = MAX_SEEDS) -> Built:
+def build(site: Site, planner: Rrt = RRT, max_seeds: int = MAX_SEEDS) -> Built:
     """Plan the site's path by the RRT; seeds are tried in order until one gives a path within the site's ranges.
 
     Raises RuntimeError when none does.
     """
     cells = draw_grid(site)
-    task = task_of(site, cells)
+    problem = problem_of(site, cells)
 
     def drive(seed: int) -> _Drive | None:
-        found = plan(task, seed, search)
+        found = planner.search(problem, seed)
         if found is None or len(found.edges) < MIN_EDGES:
             return None
         length = sum(edge.truck_length for edge in found.edges)
@@ -117,13 +125,13 @@ def build(site: Site, search: Search | None = None, max_seeds: int = MAX_SEEDS) 
 def build_with(site: Site, max_seeds: int = MAX_SEEDS) -> Built:
     """As `build`, by the planner that the site names, without a least number of edges."""
     cells = draw_grid(site)
-    task, planner = task_of(site, cells), PLANNERS[site.planner]
+    problem, planner = problem_of(site, cells), PLANNERS[site.planner]
 
     def drive(seed: int) -> _Drive | None:
-        found = planner.plan(task, seed)
+        found = planner.plan(problem, seed)
         if found is None:
             return None
-        poses = poses_of_plan(task.vehicle, found, site.spacing)
+        poses = poses_of_plan(problem.vehicle, found, site.spacing)
         return _Drive(poses, found.effort, found.path.length, found.path.num_cusps)
 
     return _first_wanted(site, cells, drive, max_seeds)
@@ -149,7 +157,7 @@ def _first_wanted(site: Site, cells: Cells | None, drive: Callable[[int], _Drive
     raise RuntimeError(f"{site.name}: {site.planner} has no path with seeds {site.seed} to {last}")
 
 
-def poses_of_plan(vehicle: Vehicle, plan: Plan, spacing: float) -> Poses:
+def poses_of_plan(vehicle: Vehicle, plan: PlannedPath, spacing: float) -> Poses:
     """Poses at equal distances between the planner's nodes, rounded as those of `logged_poses`."""
     states, nodes, begin = [], [0], 0.0
     for segment in plan.path.segments:

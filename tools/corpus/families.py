@@ -19,11 +19,12 @@ from optim.model.clearance import clearance
 from optim.model.flat_map import state_from_flat
 from optim.model.scene import make_scene
 from optim.model.vehicle import Vehicle
-from optim.planning.rrt import Search
+from optim.planning.protocol import Area, place_flat
+from optim.planning.rrt import Rrt
 from optim.steering.flat import Flat
 from tools.corpus.build import Built, build, build_with
 from tools.corpus.lots import CITY, LONG
-from tools.corpus.site import Area, Box, Grid, Obstacle, Shapes, Site, Wall, footprints, ground, place_flat
+from tools.corpus.site import Box, Grid, Obstacle, Shapes, Site, Wall, footprints, ground
 from tools.corpus.yards import backed_up, parked_trailer
 
 SOURCE = dataclasses.replace(LONG, wheelbase=3.6)
@@ -44,7 +45,7 @@ _TURNS: Final = ("default", "default", "source", "tractor", "default", "city", "
 _FREE = 0.6  # [m]: clearance of start and goal
 _LITTLE = 0.1  # [m]: clearance to keep where there is no room for more
 _UP = math.pi / 2
-_SEARCH = Search(max_iterations=1000)
+_RRT = Rrt(max_iterations=1000)
 
 
 def vehicle_name(vehicle: Vehicle) -> str:
@@ -212,7 +213,7 @@ SEEDS_EACH = 6
 
 def build_drawn(kind: str, number: int) -> Built:
     """The first variant of a site for which the RRT finds a path. Raises RuntimeError where there is none."""
-    return _first_built(kind, number, lambda site: build(site, _SEARCH, SEEDS_EACH))
+    return _first_built(kind, number, lambda site: build(site, _RRT, SEEDS_EACH))
 
 
 def build_hard(kind: str, number: int, planner: str) -> Built:

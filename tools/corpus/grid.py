@@ -10,7 +10,8 @@ from scipy.ndimage import distance_transform_edt
 from optim.model.flat_map import state_from_flat
 from optim.model.vehicle import body_corners
 from optim.numerics.arrays import Array
-from tools.corpus.site import Grid, Pose, Site, footprints, ground, place, place_flat
+from optim.planning.protocol import Pose, place, place_flat
+from tools.corpus.site import Grid, Site, footprints, ground
 
 OCCUPIED, UNKNOWN = 65, -1
 """Cells from 65 up are obstacles, as in the map servers of ROS; -1 has never been seen."""

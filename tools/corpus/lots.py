@@ -5,8 +5,9 @@ import math
 import numpy as np
 
 from optim.model.vehicle import Vehicle
+from optim.planning.protocol import Area, place
 from optim.steering.flat import Flat
-from tools.corpus.site import Area, Box, Grid, Obstacle, Shapes, Site, Wall, place
+from tools.corpus.site import Box, Grid, Obstacle, Shapes, Site, Wall
 from tools.corpus.yards import backed_up, parked_combination, parked_trailer
 
 CITY = Vehicle(

@@ -10,9 +10,10 @@ import numpy as np
 
 from optim.model.flat_map import state_from_flat
 from optim.model.vehicle import Vehicle
+from optim.planning.protocol import Area
 from optim.steering.flat import Flat
 from tools.corpus.build import Built, Poses, build
-from tools.corpus.site import Area, Box, Shapes, Site
+from tools.corpus.site import Box, Shapes, Site
 from tools.corpus.write import to_bytes
 
 _BASE = Site(

@@ -11,8 +11,9 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from optim.model.vehicle import Vehicle
+from optim.planning.protocol import Area
 from optim.steering.flat import Flat
-from tools.corpus.site import Area, Block, Grid, Shapes, Site
+from tools.corpus.site import Block, Grid, Shapes, Site
 
 Points = tuple[tuple[float, float], ...]
 _UP = math.pi / 2

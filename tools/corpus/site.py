@@ -12,10 +12,8 @@ import numpy as np
 
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array
+from optim.planning.protocol import Area, Pose, place
 from optim.steering.flat import Flat
-
-Pose = tuple[float, float, float]
-"""x [m], y [m], yaw [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,20 +101,6 @@ class Grid:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Area:
-    """Where the planner samples, in the site's frame: positions of the trailer's axle and headings."""
-
-    box: tuple[float, float, float, float]
-    """Smallest x and y, largest x and y [m]."""
-    heading: float = 0.0
-    """Middle of the headings [rad]."""
-    spread: float = math.pi
-    """Headings lie at most this far from the middle [rad]."""
-    weight: float = 1.0
-    """Share of the samples, relative to the other areas."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Site:
     """One log of the corpus before it is planned: the yard, the request, and the form of the log."""
 
@@ -164,19 +148,6 @@ class Site:
     """Where the scene is described, if elsewhere, and what was changed."""
     licence: str = ""
     """Of that description, an SPDX identifier."""
-
-
-def place(points: Array, pose: Pose) -> Array:
-    """Points (n, 2) of a frame in the frame in which its pose is given."""
-    x, y, yaw = pose
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.stack([x + c * points[:, 0] - s * points[:, 1], y + s * points[:, 0] + c * points[:, 1]], axis=1)
-
-
-def place_flat(flat: Flat, pose: Pose) -> Flat:
-    """A flat state of the site in the map."""
-    x, y = place(np.array([[flat.x, flat.y]]), pose)[0]
-    return Flat(float(x), float(y), flat.theta + pose[2], flat.kappa, flat.sigma)
 
 
 def footprints(site: Site) -> list[Array]:

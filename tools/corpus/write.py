@@ -21,9 +21,10 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from optim.numerics.arrays import Array
+from optim.planning.protocol import Pose, place
 from tools.corpus.build import Built
 from tools.corpus.grid import Cells
-from tools.corpus.site import Block, Box, Obstacle, Pose, Shapes, Site, Wall, place
+from tools.corpus.site import Block, Box, Obstacle, Shapes, Site, Wall
 
 FRAME = "map"
 LIBRARY = "truck-trailer-replay make_corpus"

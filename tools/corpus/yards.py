@@ -3,8 +3,9 @@
 import math
 
 from optim.model.vehicle import Vehicle
+from optim.planning.protocol import Area
 from optim.steering.flat import Flat
-from tools.corpus.site import Area, Block, Box, Grid, Obstacle, Shapes, Site, Wall
+from tools.corpus.site import Block, Box, Grid, Obstacle, Shapes, Site, Wall
 
 TRAILER_LENGTH, TRAILER_WIDTH = 13.6, 2.55
 _UP = math.pi / 2

@@ -34,12 +34,12 @@ class Certificates:
         return files
 
     def flags(self) -> list[str]:
-        """Of Dask's scheduler and workers."""
+        """Flags of Dask's scheduler and workers."""
         certificate = str(self.certificate)
         return ["--tls-ca-file", certificate, "--tls-cert", certificate, "--tls-key", str(self.key)]
 
     def security(self) -> Any:
-        """Of a client."""
+        """Security settings of a client."""
         from distributed.security import Security
 
         certificate, key = str(self.certificate), str(self.key)

@@ -14,14 +14,15 @@ import tempfile
 import time
 from typing import Any
 
-from replay.regress.store import Store
+from replay.base.documents import plain
+from replay.regress.folder import RunFolder
 from tools.processes import REPLAY
 from tools.regress.local_cluster import LocalCluster
 from tools.regress.small_logs import write_corpus
 from tools.script import existing, from_one, method_name, run
 
 TIMES = ("wall_s", "reason", "path")
-"""What may differ: times, sentences in which times stand, and where the log was read from."""
+"""Fields that may differ: times, sentences that contain times, and the place of the log."""
 
 
 def main() -> int:
@@ -59,7 +60,7 @@ def _results(runs: pathlib.Path, words: list[str]) -> dict[str, Any]:
     begun = time.monotonic()
     subprocess.run([*REPLAY, "regress", *words, "--out", str(runs), "--quiet"], check=True)
     print(f"{time.monotonic() - begun:.0f} s", file=sys.stderr, flush=True)
-    return {document["log"]: timeless(document) for document in Store(next(runs.iterdir())).documents()}
+    return {log.log: timeless(plain(log)) for log in RunFolder(next(runs.iterdir())).documents()}
 
 
 def timeless(document: Any) -> Any:

@@ -19,7 +19,7 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field
 
-from replay.regress.store import Store
+from replay.regress.folder import RunFolder
 from tools.processes import REPLAY, is_running
 from tools.regress.local_cluster import LocalCluster
 from tools.regress.small_logs import write_corpus
@@ -28,12 +28,12 @@ from tools.script import from_one, method_name, run
 MOST_EXECUTIONS = 1.2
 """Times each log may be worked on, on average."""
 MOST_GROWTH = 10.0
-"""Of the coordinator [MiB]."""
+"""Memory growth allowed for the coordinator [MiB]."""
 
 
 @dataclass(kw_only=True)
 class Seen:
-    """What was observed while a run went on."""
+    """Observations during a run."""
 
     killed: list[int] = field(default_factory=list)
     coordinators_killed_at: list[int] = field(default_factory=list)
@@ -117,9 +117,9 @@ def _coordinator(
 
 
 def report(run: pathlib.Path, count: int, seen: Seen, left: list[int]) -> int:
-    """Say what came of a storm; 1 where it is not as it should be."""
-    store = Store(run)
-    documents = [document["log"] for document in store.documents()]
+    """Print the outcome of a storm; the exit status is 1 where results are lost, repeated too often or left running."""
+    folder = RunFolder(run)
+    documents = [document.log for document in folder.documents()]
     attempts = Counter((run / "attempts").read_text().split())
     executions = sum(attempts.values()) / count
     since = (seen.coordinators_killed_at or [0])[-1] + count // 10  # a new coordinator has begun from nothing
@@ -128,12 +128,12 @@ def report(run: pathlib.Path, count: int, seen: Seen, left: list[int]) -> int:
         f"{count} logs in {seen.seconds:.0f} s ({60.0 * count / seen.seconds:.0f} logs/min), exit status {seen.status}"
     )
     print(f"killed: workers {len(seen.killed)}, coordinator at {seen.coordinators_killed_at or 'no time'}")
-    print(f"results {len(store.done())}, valid {len(documents)}, of different logs {len(set(documents))}")
+    print(f"results {len(folder.done())}, valid {len(documents)}, of different logs {len(set(documents))}")
     again = sum(number > 1 for number in attempts.values())
     print(f"executions {sum(attempts.values())}, {executions:.4f} for each log; {again} logs more than once")
     print(f"coordinator's memory: {grown:+.1f} MiB from log {since} to {count}")
     print(f"killed workers that still run: {left or 'none'}")
-    whole = len(store.done()) == len(documents) == len(set(documents)) == count
+    whole = len(folder.done()) == len(documents) == len(set(documents)) == count
     return int(not whole or executions > MOST_EXECUTIONS or grown > MOST_GROWTH or bool(left))
 
 

@@ -54,7 +54,7 @@ def spoiled(kind: Kind, claims: list[Claim], seed: int) -> Claim:
 
 def _restated(claim: Claim) -> Claim:
     """The claim with the right J of its path, where it has one: the saboteur does not give himself away by J."""
-    with contextlib.suppress(audit_data.Refusal), np.errstate(all="ignore"):
+    with contextlib.suppress(audit_data.Unreadable), np.errstate(all="ignore"):
         track = audit_data.read_path(as_json(claim["path"]), "path")
         claim["reported_objective"] = audit._recomputed(track, claim["weights"])
     return claim

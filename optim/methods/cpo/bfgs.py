@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from optim.methods.cpo.terms import BAND
-from optim.numerics.arrays import Array, BoolArray
+from optim.numerics.arrays import Array, BoolArray, Float64
 
 _DECREASE = 1e-4  # Armijo's condition: the least share of the decrease that the slope promises
 _REFRESH = 20  # steps after which the metric is first evaluated again
@@ -26,7 +26,7 @@ _CURVATURE = 1e-10  # pairs with less curvature than this, relative to their siz
 class BfgsSolution(NamedTuple):
     """Where the minimiser ended."""
 
-    points: Array  # (M, 2) [m]
+    points: Float64[Array, "M 2"]  # [m]
     value: float  # F
     iterations: int
     evaluations: int  # of F

@@ -21,20 +21,20 @@ import numpy as np
 
 from optim.geometry.field import DistanceField
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, BoolArray, IntArray, frozen, frozen_int
+from optim.numerics.arrays import Array, BoolArray, Float64, Int64, IntArray, frozen, frozen_int
 
 
 @dataclass(frozen=True, eq=False)
 class Discs:
     """D discs fixed to the bodies."""
 
-    body: IntArray
+    body: Int64[IntArray, " D"]
     """0 the truck, 1 the trailer. Shape (D,)."""
-    centre: Array
+    centre: Float64[Array, "D 2"]
     """Ahead and left of the hitch in the body's own frame [m]. Shape (D, 2)."""
-    radius: Array
-    """[m]. Shape (D,)."""
-    width: Array
+    radius: Float64[Array, " D"]
+    """Radius [m]. Shape (D,)."""
+    width: Float64[Array, " D"]
     """What a disc counts for in the obstacle term [m]: its share of the outline. Shape (D,)."""
 
 
@@ -81,8 +81,8 @@ class Nearness(NamedTuple):
     """The obstacle term and its derivatives by (x, y, psi, kappa) of each point, N points."""
 
     value: float
-    gradient: Array  # (N, 4)
-    metric: Array  # (N, 4, 4) Gauss-Newton's share of the second derivatives
+    gradient: Float64[Array, "N 4"]
+    metric: Float64[Array, "N 4 4"]  # Gauss-Newton's share of the second derivatives
 
 
 def obstacle_term(

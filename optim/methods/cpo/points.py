@@ -12,7 +12,7 @@ import numpy as np
 from optim.model.flat_map import flat_from_state
 from optim.model.path import Segment
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, BoolArray
+from optim.numerics.arrays import Array, Bool, BoolArray, Float64
 
 ENDS = 2
 """Samples anchored at each end of a segment (the source's number)."""
@@ -24,9 +24,9 @@ class RecordedAxle:
 
     direction: int
     """+1 forward, -1 reverse."""
-    flat: Array
+    flat: Float64[Array, "n 5"]
     """x, y [m], heading [rad], kappa [1/m], sigma [1/m^2] of the samples. Shape (n, 5)."""
-    share: Array
+    share: Float64[Array, " n"]
     """Distance of the axle up to each sample as a share of the whole. Shape (n,), from 0 to 1."""
     length: float
     """Distance of the axle [m]."""
@@ -47,11 +47,11 @@ class RecordedAxle:
 class AxlePoints:
     """The points of one segment in motion."""
 
-    xy: Array
+    xy: Float64[Array, "M 2"]
     """M points, the first and the last beyond the ends [m]. Shape (M, 2)."""
-    share: Array
+    share: Float64[Array, " M"]
     """Where on the recorded axle each began. Shape (M,)."""
-    anchored: BoolArray
+    anchored: Bool[BoolArray, " M"]
     """Points that do not move. Shape (M,)."""
     spacing: float
     """[m]."""

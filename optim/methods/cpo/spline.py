@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -23,11 +23,11 @@ _PANELS = 2  # of the quadrature per interval of the spline: 0.25 m, where four 
 class Basis(NamedTuple):
     """The m splines of the basis at the P + 1 ends of the panels and at their 4 P Gauss nodes."""
 
-    ends: Array  # (P + 1, m)
-    slope: Array  # (P + 1, m) by t
-    curl: Array  # (P + 1, m) second derivative by t
-    turn: Array  # (P + 1, m) integral from t = 0
-    turn_nodes: Array  # (4 P, m) the same at the Gauss nodes
+    ends: Float64[Array, "P_1 m"]
+    slope: Float64[Array, "P_1 m"]  # by t
+    curl: Float64[Array, "P_1 m"]  # second derivative by t
+    turn: Float64[Array, "P_1 m"]  # integral from t = 0
+    turn_nodes: Float64[Array, "nodes m"]  # the same at the Gauss nodes
 
 
 def spline(c: Array) -> "BSpline":

@@ -12,7 +12,7 @@ from optim.methods.cpo.points import AxlePoints
 from optim.model.clearance import swept_clearance
 from optim.model.path import Segment
 from optim.model.problem import Problem
-from optim.numerics.arrays import BoolArray
+from optim.numerics.arrays import Bool, BoolArray
 
 TOLERATED = 1.001
 """Residual of a recorded stretch up to which it counts as kept: the audit relaxes limits by as much."""
@@ -27,7 +27,7 @@ class LimitCheck(NamedTuple):
     limit: float
     unit: str
     residual: float  # 1 or less where it is kept
-    fails: BoolArray  # (n,) samples at or beside which it fails
+    fails: Bool[BoolArray, " n"]  # samples at or beside which it fails
 
     @property
     def is_kept(self) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 
 from optim.model.clearance import separations
 from optim.model.problem import Problem
-from optim.numerics.arrays import Array, IntArray
+from optim.numerics.arrays import Array, Int64, IntArray
 
 _MOST = 12  # polygons near one body at one knot; others join once a solution violates them
 
@@ -24,11 +24,11 @@ _MOST = 12  # polygons near one body at one knot; others join once a solution vi
 class Pairs:
     """P pairs of a body at a knot and an obstacle."""
 
-    knot: IntArray
-    """Shape (P,)."""
-    body: IntArray
+    knot: Int64[IntArray, " P"]
+    """Index of the knot. Shape (P,)."""
+    body: Int64[IntArray, " P"]
     """0 the truck, 1 the trailer. Shape (P,)."""
-    polygon: IntArray
+    polygon: Int64[IntArray, " P"]
     """Index in Scene.polygons. Shape (P,)."""
 
     def keys(self) -> set[tuple[int, int, int]]:

@@ -16,7 +16,7 @@ from optim.model.objective import Weights
 from optim.model.problem import Problem
 from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle, body_poses
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64
 
 _DUAL_START = 1e-2  # added to every multiplier at the start: an interior point method begins off its bounds
 
@@ -27,20 +27,20 @@ class Program:
 
     nlp: dict[str, Any]
     """x, f and g as symbols."""
-    start: Array
+    start: Float64[Array, " x"]
     """x to begin with. Shape (size of x,), as `low` and `high`."""
-    low: Array
-    high: Array
-    low_g: Array
+    low: Float64[Array, " x"]
+    high: Float64[Array, " x"]
+    low_g: Float64[Array, " g"]
     """Shape (size of g,), as `high_g`."""
-    high_g: Array
+    high_g: Float64[Array, " g"]
 
 
 @dataclass(frozen=True, eq=False)
 class Units:
     """Of the program."""
 
-    origin: Array
+    origin: Float64[Array, " 2"]
     """Where positions are counted from [m]. Shape (2,)."""
     length: float
     """The unit of length [m]."""

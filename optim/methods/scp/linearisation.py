@@ -14,7 +14,7 @@ from optim.model.clearance import Separations, separations
 from optim.model.objective import Weights
 from optim.model.problem import Problem
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, frozen
+from optim.numerics.arrays import Array, Float64, frozen
 
 _LEAST_CURVATURE = 1e-4  # of every direction in scaled units; keeps step lengths from drifting along flat valleys
 
@@ -57,15 +57,15 @@ class Linearisation:
     knots: Knots
     objective: float
     """J / Scales.cost."""
-    g_phi: Array
+    g_phi: Float64[Array, " K"]
     """Derivative of the objective by scaled phi. Shape (K,)."""
-    g_h: Array
+    g_h: Float64[Array, " K-1"]
     """By scaled h. Shape (K - 1,)."""
-    defects: Array
+    defects: Float64[Array, "K-1 4"]
     """Scaled. Shape (K - 1, 4)."""
-    jacobian: Array
+    jacobian: Float64[Array, "K-1 4 7"]
     """Of the steps, scaled, by (x, y, theta, alpha, phi_k, phi_{k+1}, h). Shape (K - 1, 4, 7)."""
-    factor: Array
+    factor: Float64[Array, "K-1 5 5"]
     """F with F'F the curvature of the Lagrangian by (theta, alpha, phi_k, phi_{k+1}, h), upper. (K - 1, 5, 5)."""
     rows: Separations
     """Near distances, unscaled."""

@@ -16,7 +16,7 @@ from optim.methods.scp.linearisation import Linearisation, Scales
 from optim.methods.scp.restoration import hitch_excess, rate_excess
 from optim.methods.scp.subproblem import KnotLimits, Penalty, SubproblemSolution
 from optim.model.problem import Problem
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +25,11 @@ class Point:
 
     knots: Knots
     objective: float
-    defects: Array
+    defects: Float64[Array, "K-1 4"]
     """Shape (K - 1, 4)."""
-    missing: Array
+    missing: Float64[Array, "K 2"]
     """Clearance that truck and trailer lack. Shape (K, 2)."""
-    excess: Array
+    excess: Float64[Array, " 2*K-1"]
     """Of hitch angles and steering rates, which only corrections can cause. Shape (2 K - 1,)."""
 
     @property

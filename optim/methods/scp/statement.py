@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -50,9 +50,9 @@ class ConeData(NamedTuple):
     """min 1/2 x'Px + q'x  s.t.  A x + s = b, the first `equalities` of s zero, the others not negative."""
 
     P: Any
-    q: Array
+    q: Float64[Array, " n"]
     A: Any
-    b: Array
+    b: Float64[Array, " m"]
     equalities: int
 
 

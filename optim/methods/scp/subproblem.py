@@ -11,7 +11,7 @@ from optim.knots.transcription import Knots
 from optim.methods.scp.linearisation import Linearisation, Scales
 from optim.methods.scp.statement import DEPENDS, OWN, SLOTS, VACUOUS, Statement, bucket, statement
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, frozen
+from optim.numerics.arrays import Array, Float64, frozen
 
 _NOTHING: Final = frozen(np.zeros(0))
 _ANGLE_SHARE, _STEP_SHARE = 1.5, 0.5
@@ -22,7 +22,7 @@ _ANGLE_SHARE, _STEP_SHARE = 1.5, 0.5
 class KnotLimits:
     """What a step must keep within."""
 
-    required: Array
+    required: Float64[Array, "K 2"]
     """Clearance to keep at each knot by truck and trailer [m]. Shape (K, 2)."""
     shortest: float
     """Least step length [m]."""
@@ -36,9 +36,9 @@ class Penalty:
 
     weight: float
     """w [-]."""
-    dynamics: Array
+    dynamics: Float64[Array, "K-1 4"]
     """lambda. Shape (K - 1, 4)."""
-    clearance: Array
+    clearance: Float64[Array, "K 2"]
     """mu >= 0. Shape (K, 2)."""
 
 
@@ -50,19 +50,19 @@ class SubproblemSolution:
     """"optimal", or the solver's word for what went wrong; only then are the numbers below of use."""
     solver_s: float
     """Time in the solver, by its own account [s]."""
-    q: Array = field(default_factory=lambda: _NOTHING)
+    q: Float64[Array, "K 4"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """Change of the states. Shape (K, 4)."""
-    phi: Array = field(default_factory=lambda: _NOTHING)
+    phi: Float64[Array, " K"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """Shape (K,)."""
-    h: Array = field(default_factory=lambda: _NOTHING)
+    h: Float64[Array, " K-1"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """Shape (K - 1,)."""
-    nu: Array = field(default_factory=lambda: _NOTHING)
+    nu: Float64[Array, "K-1 4"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """Virtual control times sqrt(w). Shape (K - 1, 4)."""
-    zeta: Array = field(default_factory=lambda: _NOTHING)
+    zeta: Float64[Array, "K 2"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """Slack of the clearances times sqrt(w). Shape (K, 2)."""
-    r: Array = field(default_factory=lambda: _NOTHING)
+    r: Float64[Array, "K-1 5"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """F times the step; half its square is the curvature's part of the model. Shape (K - 1, 5)."""
-    multipliers: Array = field(default_factory=lambda: _NOTHING)
+    multipliers: Float64[Array, "K-1 4"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """Of the scaled dynamics. Shape (K - 1, 4)."""
 
     @property

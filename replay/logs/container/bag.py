@@ -1,6 +1,6 @@
 """A copy of a folder that rosbag2 recorded, with a part added that holds new messages.
 
-The parts are copied byte for byte, and `metadata.yaml` is made anew from what they hold. It is written last, as
+The parts are copied byte for byte, and `metadata.yaml` is written again from what they hold. It is written last, as
 rosbag2 does itself: a folder without it is not finished.
 """
 
@@ -14,10 +14,10 @@ from replay.base.errors import LogError, ReplayError
 from replay.base.files import WRITE_ERROR, atomic_write
 from replay.logs.container.append import NewTopic, refuse_lost, time_span, write_log
 from replay.logs.container.folder import METADATA, open_log, parts_of
-from replay.logs.container.records import Log
+from replay.logs.container.log import Log
 
 _VERSION: Final = 4
-"""Of `metadata.yaml`: the last one that needs no more than the parts say; every later rosbag2 reads it."""
+"""Version of `metadata.yaml`: the last one that needs no more than the parts hold; every later rosbag2 reads it."""
 
 
 def write_bag(

@@ -1,4 +1,4 @@
-"""What the records of the data section add up to: channels, counts, and the messages that are wanted."""
+"""Collection of the records of the data section: channels, counts, and wanted messages."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from replay.base.errors import LogError, printable
 from replay.logs.container import records as r
-from replay.logs.container.definitions import Definitions
-from replay.logs.container.findings import Findings
-from replay.logs.container.records import Channel, Cursor, Limits, Malformed, Message, Metadata
+from replay.logs.container.channels import ChannelTable
+from replay.logs.container.log import Channel, Findings, Message, Metadata, ReadLimits
+from replay.logs.container.records import Malformed, Opcode, RecordStream
 
 
 class _Loose(NamedTuple):
@@ -23,11 +23,11 @@ class _Loose(NamedTuple):
 class Collector:
     """Takes the records one by one, in the order of the file."""
 
-    def __init__(self, path: Path, wanted: Callable[[Channel], bool], limits: Limits, findings: Findings) -> None:
+    def __init__(self, path: Path, wanted: Callable[[Channel], bool], limits: ReadLimits, findings: Findings) -> None:
         self.path = path
         self.limits = limits
         self.findings = findings
-        self.definitions = Definitions(path, limits.channels)
+        self.table = ChannelTable(path, limits.channels)
         self.counts: Counter[int] = Counter()
         self.messages: list[Message] = []
         self.metadata: list[Metadata] = []
@@ -40,26 +40,26 @@ class Collector:
 
     # ---- records outside chunks
 
-    def add(self, opcode: int, cursor: Cursor, *, in_chunk: bool = False) -> None:
+    def add(self, opcode: int, stream: RecordStream, *, in_chunk: bool = False) -> None:
         """A Schema, Channel, Message, or else a Metadata record. Raises Malformed, LogError."""
-        if opcode == r.SCHEMA:
-            self.definitions.add_schema(cursor, in_chunk)
-        elif opcode == r.CHANNEL:
-            self._add_channel(cursor, in_chunk)
-        elif opcode == r.MESSAGE:
-            self._add_loose(cursor)
+        if opcode == Opcode.SCHEMA:
+            self.table.add_schema(stream, in_chunk)
+        elif opcode == Opcode.CHANNEL:
+            self._add_channel(stream, in_chunk)
+        elif opcode == Opcode.MESSAGE:
+            self._add_loose(stream)
         else:
-            self._add_metadata(cursor)
+            self._add_metadata(stream)
 
-    def _add_metadata(self, cursor: Cursor) -> None:
-        name = cursor.text("name")
-        values, duplicates = cursor.text_map("metadata")
+    def _add_metadata(self, stream: RecordStream) -> None:
+        name = r.parsed(r.kinds.Metadata, stream).name
+        values, duplicates = stream.last_map(before=1)
         if duplicates:
             self.findings.add("W_METADATA", f"metadata record {name!r} repeats the key {duplicates[0]!r}")
         self.metadata.append(Metadata(name, values, duplicates))
 
-    def _add_channel(self, cursor: Cursor, in_chunk: bool) -> None:
-        channel = self.definitions.add_channel(cursor, in_chunk)
+    def _add_channel(self, stream: RecordStream, in_chunk: bool) -> None:
+        channel = self.table.add_channel(stream, in_chunk)
         if channel is None:
             return
         self._is_wanted[channel.id] = self._wanted(channel)
@@ -70,17 +70,17 @@ class Collector:
             text = f"topic {topic!r}: its schema {channel.schema_id} is missing"
             self.findings.add("W_NO_SCHEMA", text, lost=True)
 
-    def _add_loose(self, cursor: Cursor) -> None:
-        prefix = cursor.take(r.MESSAGE_PREFIX.size, "message header")
+    def _add_loose(self, stream: RecordStream) -> None:
+        prefix = stream.read(r.MESSAGE_PREFIX.size)
         channel_id, _, log_time, _ = r.MESSAGE_PREFIX.unpack(prefix)
         channel = self._known_channel(channel_id)
         if channel is not None:
-            data = cursor.data[cursor.pos :] if self._is_wanted[channel_id] else None
+            data = stream.rest() if self._is_wanted[channel_id] else None
             self._count_bytes(len(data or b""))
             self._loose.append(_Loose(channel, log_time, data))
 
     def _known_channel(self, channel_id: int) -> Channel | None:
-        channel = self.definitions.by_id.get(channel_id)
+        channel = self.table.by_id.get(channel_id)
         if channel is None and channel_id not in self._orphans:
             self._orphans.add(channel_id)
             text = f"messages refer to channel {channel_id}, which is not defined"
@@ -90,7 +90,7 @@ class Collector:
     # ---- chunks
 
     def add_chunk(self, data: bytes, number: int) -> None:
-        """All records of a chunk, or none: its framing is checked to the end before anything counts.
+        """Add all records of a chunk, or none: its framing is checked to the end first.
 
         Raises:
             Malformed: the framing is broken.
@@ -109,8 +109,9 @@ class Collector:
             found.append((opcode, pos, pos + length))
             pos += length
         self.num_records += len(found)
+        message = int(Opcode.MESSAGE)
         for opcode, start, stop in found:
-            if opcode == r.MESSAGE and stop - start >= r.MESSAGE_PREFIX.size:
+            if opcode == message and stop - start >= r.MESSAGE_PREFIX.size:
                 self._add_chunk_message(data, start, stop)
             else:
                 self._add_other(opcode, data, start, stop, number)
@@ -125,19 +126,19 @@ class Collector:
         else:
             self._count_bytes(stop - start)
             payload = data[start + r.MESSAGE_PREFIX.size : stop]
-            self._keep(self.definitions.by_id[channel_id], log_time, payload)
+            self._keep(self.table.by_id[channel_id], log_time, payload)
 
     def _add_other(self, opcode: int, data: bytes, start: int, stop: int, number: int) -> None:
         try:
-            if opcode in (r.SCHEMA, r.CHANNEL):
-                self.add(opcode, Cursor(data, start, stop), in_chunk=True)
-            elif opcode == r.MESSAGE:
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self.add(opcode, RecordStream(data, start, stop), in_chunk=True)
+            elif opcode == Opcode.MESSAGE:
                 raise Malformed(f"{stop - start} bytes are less than its header")
-            elif opcode <= r.DATA_END:
+            elif opcode <= Opcode.DATA_END:
                 raise Malformed("such a record may not stand inside a chunk")
         except Malformed as error:
             text = f"{r.record_name(opcode)} in chunk {number} is skipped: {error}"
-            self.findings.add("W_CORRUPT_RECORD", text, lost=opcode == r.MESSAGE)
+            self.findings.add("W_CORRUPT_RECORD", text, lost=opcode == Opcode.MESSAGE)
 
     # ---- messages
 
@@ -171,7 +172,7 @@ class Collector:
 
     def _drop_loose_channels(self) -> None:
         """Messages whose topic or type stands outside chunks, where something is wrong."""
-        suspects = [self.definitions.by_id[i] for i in sorted(self.definitions.outside_chunks)]
+        suspects = [self.table.by_id[i] for i in sorted(self.table.outside_chunks)]
         dropped = [channel for channel in suspects if self.counts.pop(channel.id, 0)]
         if dropped:
             ids = {channel.id for channel in dropped}

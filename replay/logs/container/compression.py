@@ -1,11 +1,12 @@
-"""Decoding one chunk's records, never producing more than one byte over what the chunk declares."""
+"""Decoding of one chunk's records, never more than one byte over what the chunk declares."""
 
 import zlib
 
 import lz4.frame
 import zstandard
 
-from replay.logs.container.records import MIB, Cursor
+from replay.logs.container import records as r
+from replay.logs.container.log import MIB
 
 ZSTD_WINDOW = 128 * MIB  # largest back-reference window that a decoder may allocate [bytes]
 
@@ -30,26 +31,23 @@ def unpack_chunk(body: bytes, limit: int, total_left: int) -> tuple[bytes, int, 
         BadChunk: too large, unknown compression, sizes that contradict each other, wrong checksum.
         Malformed: fields that do not fit into the record.
     """
-    cursor = Cursor(body)
-    start, end = cursor.u64("start time"), cursor.u64("end time")
-    size, crc = cursor.u64("uncompressed size"), cursor.u32("checksum")
-    compression = cursor.text("compression")
-    packed = cursor.take(cursor.u64("records length"), "records")
+    chunk = r.parsed(r.kinds.Chunk, r.RecordStream(body))
+    size = chunk.uncompressed_size
     if size > limit:
         raise BadChunk("W_CHUNK_TOO_LARGE", f"declares {size} bytes, more than the limit of {limit}")
     if size > total_left:
         raise BadChunk("W_TOTAL_TOO_LARGE", f"declares {size} bytes, {total_left} are left of the file's limit")
-    records = _decode(compression, packed, size)
+    records = _decode(chunk.compression, chunk.data, size)
     if len(records) != size:
         more = "more" if len(records) > size else f"{len(records)}"
         raise BadChunk("W_CHUNK_SIZE", f"declares {size} bytes and holds {more}")
-    if crc and zlib.crc32(records) != crc:
+    if chunk.uncompressed_crc and zlib.crc32(records) != chunk.uncompressed_crc:
         raise BadChunk("W_CRC_CHUNK", "checksum is wrong")
-    return records, start, end
+    return records, chunk.message_start_time, chunk.message_end_time
 
 
 def _decode(compression: str, packed: bytes, size: int) -> bytes:
-    """At most `size` + 1 bytes."""
+    """Decode at most `size` + 1 bytes."""
     if compression == "":
         return packed
     if compression == "zstd":

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from replay.base.errors import LogError, printable
-from replay.logs.container.records import Channel, Finding, Limits, Log, Message
+from replay.logs.container.log import Channel, Finding, Log, Message, ReadLimits
 from replay.logs.container.scan import scan
 from replay.logs.container.source import not_a_file
 
@@ -24,7 +24,7 @@ MAX_PARTS: Final = 1000
 _ITEM = re.compile(r"\s*-\s+(.*)")
 
 
-def open_log(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], limits: Limits | None = None) -> Log:
+def open_log(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], limits: ReadLimits | None = None) -> Log:
     """Read a log, a file or a folder of rosbag2's, and keep the messages of wanted channels.
 
     Raises:
@@ -34,7 +34,7 @@ def open_log(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], li
     if not path.is_dir():
         return scan(path, wanted, limits)
     names, findings = parts_of(path)
-    limits = limits or Limits()
+    limits = limits or ReadLimits()
     logs: list[Log] = []
     errors: list[LogError] = []
     kept = 0

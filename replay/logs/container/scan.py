@@ -19,15 +19,15 @@ from replay.base.errors import LogError
 from replay.logs.container import records as r
 from replay.logs.container.collect import Collector
 from replay.logs.container.compression import BadChunk, unpack_chunk
-from replay.logs.container.findings import Findings
-from replay.logs.container.records import Channel, Cursor, Limits, Log, Malformed
+from replay.logs.container.log import Channel, Findings, Log, ReadLimits
+from replay.logs.container.records import Malformed, Opcode, RecordStream
 from replay.logs.container.source import Cut, Source
 from replay.logs.container.summary import Summary, read_attachment
 
-_HELD = {r.HEADER, r.SCHEMA, r.CHANNEL, r.MESSAGE, r.CHUNK, r.METADATA, r.DATA_END}
+_HELD = {Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA, Opcode.DATA_END}
 
 
-def scan(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], limits: Limits | None = None) -> Log:
+def scan(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], limits: ReadLimits | None = None) -> Log:
     """Read a whole log and keep the messages of wanted channels.
 
     Raises:
@@ -35,17 +35,17 @@ def scan(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], limits
             a schema or channel is redefined; too many channels; more wanted payload than the limit.
     """
     with Source(Path(path)) as source:
-        return _Scan(source, wanted, limits or Limits()).run()
+        return _Scan(source, wanted, limits or ReadLimits()).run()
 
 
 class _Scan:
     """The state of one reading; used once."""
 
-    def __init__(self, source: Source, wanted: Callable[[Channel], bool], limits: Limits) -> None:
+    def __init__(self, source: Source, wanted: Callable[[Channel], bool], limits: ReadLimits) -> None:
         self.source = source
         self.limits = limits
         self.findings = Findings()
-        self.content = Collector(source.path, wanted, limits, self.findings)
+        self.collected = Collector(source.path, wanted, limits, self.findings)
         self.summary = Summary()
         self.header: tuple[str, str] | None = None
         self.unpacked_bytes = 0
@@ -54,7 +54,7 @@ class _Scan:
 
     def run(self) -> Log:
         """Read the file from end to end."""
-        source, content = self.source, self.content
+        source, collected = self.source, self.collected
         source.check_magic()
         try:
             self._data_section()
@@ -64,8 +64,8 @@ class _Scan:
             self._found_cut()
         sha256 = source.finish()
         in_the_middle = not self.data_ended and self._has_last_bytes()
-        content.settle(verified=self.data_crc_holds, doubtful=bool(self.summary.chunks) or in_the_middle)
-        if self.cut and not content.counts:
+        collected.settle(verified=self.data_crc_holds, doubtful=bool(self.summary.chunks) or in_the_middle)
+        if self.cut and not collected.counts:
             raise LogError("E_TRUNCATED", source.path, "the file is cut off before its first complete message")
         self._compare_with_summary()
         profile, library = self.header or ("", "")
@@ -75,10 +75,10 @@ class _Scan:
             size=source.size,
             profile=profile,
             library=library,
-            channels=content.definitions.channels,
-            counts=dict(content.counts),
-            messages=tuple(sorted(content.messages, key=lambda message: message.log_time)),
-            metadata=tuple(content.metadata),
+            channels=collected.table.channels,
+            counts=dict(collected.counts),
+            messages=tuple(sorted(collected.messages, key=lambda message: message.log_time)),
+            metadata=tuple(collected.metadata),
             findings=self.findings.all(),
         )
 
@@ -89,7 +89,7 @@ class _Scan:
         self.findings.add("W_TRUNCATED", text, lost=not self.data_ended)
 
     def _has_last_bytes(self) -> bool:
-        """Whether the file ends as a complete one does."""
+        """True if the file ends as a complete one does."""
         return self.source.tail(len(r.MAGIC)) == r.MAGIC
 
     # ---- the data section
@@ -97,8 +97,8 @@ class _Scan:
     def _data_section(self) -> None:
         while not self.data_ended:
             at, crc = self.source.position, self.source.crc
-            self.content.num_records += 1
-            if self.content.num_records > self.limits.records:
+            self.collected.num_records += 1
+            if self.collected.num_records > self.limits.records:
                 self.findings.add("W_TOTAL_TOO_LARGE", "more records than the limit; the rest is not read", lost=True)
                 return
             opcode, length = r.RECORD_PREFIX.unpack(self.source.read(r.RECORD_PREFIX.size))
@@ -107,13 +107,13 @@ class _Scan:
                 text = f"{stop} (at byte {at}); the rest of the file is lost"
                 self.findings.add("W_CORRUPT_RECORD", text, lost=True)
                 return
-            if opcode == r.FOOTER:
+            if opcode == Opcode.FOOTER:
                 self.findings.add("W_EARLY_FOOTER", f"a Footer at byte {at} before the data's end", lost=True)
                 return
             self._record(opcode, length, at, crc)
 
     def _why_to_stop(self, opcode: int, length: int) -> str:
-        """What makes it impossible to go on to a next record, if anything. Raises Cut where the file just ends."""
+        """Reason why there is no next record to read, or an empty text. Raises Cut where the file just ends."""
         if opcode == 0 and length == 0:
             return "zeros where a record should begin"
         if length <= self.source.left:
@@ -125,7 +125,7 @@ class _Scan:
     def _record(self, opcode: int, length: int, at: int, crc: int) -> None:
         name = r.record_name(opcode)
         try:
-            if opcode == r.ATTACHMENT:
+            if opcode == Opcode.ATTACHMENT:
                 self._attachment(length, at)
             elif opcode not in _HELD:
                 self.source.skip(length)
@@ -138,18 +138,18 @@ class _Scan:
             else:
                 self._held_record(opcode, self.source.read(length), at, crc)
         except Malformed as error:
-            lost = opcode in (r.CHUNK, r.MESSAGE, r.METADATA)
+            lost = opcode in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.METADATA)
             self.findings.add("W_CORRUPT_RECORD", f"{name} at byte {at} is skipped: {error}", lost=lost)
 
     def _held_record(self, opcode: int, body: bytes, at: int, crc: int) -> None:
-        if opcode == r.CHUNK:
+        if opcode == Opcode.CHUNK:
             self._chunk(body, at)
-        elif opcode == r.DATA_END:
-            self._data_end(Cursor(body), crc)
-        elif opcode == r.HEADER:
-            self._header(Cursor(body))
+        elif opcode == Opcode.DATA_END:
+            self._data_end(body, crc)
+        elif opcode == Opcode.HEADER:
+            self._header(body)
         else:
-            self.content.add(opcode, Cursor(body))
+            self.collected.add(opcode, RecordStream(body))
 
     def _attachment(self, length: int, at: int) -> None:
         attachment = read_attachment(self.source, length)
@@ -167,28 +167,29 @@ class _Scan:
             left = self.limits.total - self.unpacked_bytes
             data, *times = unpack_chunk(body, self.limits.chunk, left)
             self.unpacked_bytes += len(data)
-            self.content.add_chunk(data, number)
+            self.collected.add_chunk(data, number)
             start, end = times
         except (BadChunk, Malformed) as error:
             code = error.code if isinstance(error, BadChunk) else "W_CORRUPT_RECORD"
             self.findings.add(code, f"chunk {number} at byte {at} is dropped: {error}", lost=True)
         self.summary.chunks.append((at, start, end))
 
-    def _data_end(self, cursor: Cursor, crc: int) -> None:
-        stated = cursor.u32("checksum")
+    def _data_end(self, body: bytes, crc: int) -> None:
+        stated = r.parsed(r.kinds.DataEnd, RecordStream(body)).data_section_crc
         self.data_ended = True
         if stated:
             self.data_crc_holds = stated == crc
             if not self.data_crc_holds:
                 self.findings.add("W_CRC_DATA", "the checksum of the data section is wrong")
 
-    def _header(self, cursor: Cursor) -> None:
+    def _header(self, body: bytes) -> None:
         if self.header is not None:
             self.findings.add("W_DUPLICATE_HEADER", "a second Header; the first one counts")
             return
-        if self.content.num_records > 1:
+        if self.collected.num_records > 1:
             self.findings.add("W_NO_HEADER", "the Header is not the first record")
-        self.header = cursor.text("profile"), cursor.text("library")
+        header = r.parsed(r.kinds.Header, RecordStream(body))
+        self.header = header.profile, header.library
 
     # ---- the summary section
 
@@ -204,18 +205,18 @@ class _Scan:
                 self.findings.add("W_INDEX", f"the summary is damaged at byte {at}; it is not needed")
                 return
             crc, body = self.source.crc, self.source.read(length)
-            if opcode == r.FOOTER:
-                self._footer(Cursor(body), crc)
+            if opcode == Opcode.FOOTER:
+                self._footer(body, crc)
                 return
             try:
-                self.summary.add(opcode, Cursor(body))
+                self.summary.add(opcode, RecordStream(body))
             except Malformed as error:
                 text = f"{r.record_name(opcode)} in the summary: {error}"
-                self.findings.add("W_INDEX", text, lost=opcode in (r.CHUNK, r.MESSAGE))
+                self.findings.add("W_INDEX", text, lost=opcode in (Opcode.CHUNK, Opcode.MESSAGE))
 
-    def _footer(self, cursor: Cursor, crc: int) -> None:
+    def _footer(self, body: bytes, crc: int) -> None:
         try:
-            for code, text in self.summary.check_footer(cursor, crc):
+            for code, text in self.summary.check_footer(body, crc):
                 self.findings.add(code, text)
         except Malformed as error:
             self.findings.add("W_CORRUPT_RECORD", f"the Footer is damaged: {error}")
@@ -230,6 +231,6 @@ class _Scan:
         if self.header is None:
             self.findings.add("W_NO_HEADER", "the log has no Header")
         if self.data_ended and not self.cut:
-            num_messages = sum(self.content.counts.values())
-            for code, text in self.summary.contradictions(self.content.definitions, num_messages):
+            num_messages = sum(self.collected.counts.values())
+            for code, text in self.summary.contradictions(self.collected.table, num_messages):
                 self.findings.add(code, text)

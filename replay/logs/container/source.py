@@ -9,7 +9,8 @@ import zlib
 from pathlib import Path
 
 from replay.base.errors import LogError
-from replay.logs.container.records import MAGIC, MIB
+from replay.logs.container.log import MIB
+from replay.logs.container.records import MAGIC
 
 _FIRST_BYTES = (
     (b"#ROSBAG V", "a ROS 1 bag; convert it to MCAP"),
@@ -101,7 +102,7 @@ class Source:
 
     def finish(self) -> str:
         """Read what is left and give the SHA-256 of the whole file; raise if it changed in the meantime."""
-        with contextlib.suppress(Cut):  # it is shorter than it was: that is told below
+        with contextlib.suppress(Cut):  # it is shorter than it was: reported below
             self.skip(self.left)
         now = os.fstat(self._file.fileno())
         if (now.st_size, now.st_mtime_ns) != (self._state.st_size, self._state.st_mtime_ns):
@@ -122,7 +123,7 @@ def _looks_like(first: bytes) -> str:
 
 
 def not_a_file(path: Path) -> str:
-    """What a folder is, that is no log; its files are named."""
+    """Text for a folder that is no log; names its files."""
     inside = sorted(p.name for p in path.glob("*.mcap"))
     if not inside:
         return "a folder without MCAP files, expected an MCAP log"

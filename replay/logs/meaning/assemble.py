@@ -1,7 +1,8 @@
-"""From a log file to cases: each path message is one request, on the map that was there at its time."""
+"""Assembly of cases from a log: each path message is one request, on the map of its time."""
 
 import dataclasses
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +14,7 @@ from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, frozen
 from replay.base.errors import LogError, printable
 from replay.logs.container.folder import open_log
-from replay.logs.container.records import Log
+from replay.logs.container.log import Log
 from replay.logs.meaning.checks import check_ends, check_fit, check_recorded, deviation, hitch_notes
 from replay.logs.meaning.frames import Frames, frame_name, in_frame
 from replay.logs.meaning.hitch import FRAME_WORD, Angles, Hitch, combined, sources
@@ -34,11 +35,11 @@ from replay.logs.meaning.stated import (
 )
 from replay.logs.meaning.topics import Topic, choose_map, choose_paths, is_wanted, refused, topics_of
 from replay.logs.meaning.vehicle import nodes_of, vehicle_in
-from replay.logs.messages.content import PoseSeries
+from replay.logs.messages.types import PoseSeries
 from replay.run.case import Case, ReadReport
 
 _NOTED_LENGTH = 0.03
-"""Difference between hitch_to_axle and what the paths say from which a note tells it [m]: noise averages to less."""
+"""Least difference between hitch_to_axle and the paths' own that gets a note [m]: noise averages to less."""
 
 
 def read_cases(path: str | os.PathLike[str], options: ReadOptions | None = None) -> list[Case]:
@@ -48,12 +49,12 @@ def read_cases(path: str | os.PathLike[str], options: ReadOptions | None = None)
         LogError: the log cannot be read, leaves open what is meant, or none of its requests can be used. A request
             that cannot be used beside others that can is named in their notes, and `read.lost` is set.
     """
-    return cases_of(open_log(path, is_wanted), options or ReadOptions())
+    log = open_log(path, is_wanted)
+    return cases_of(log, topics_of(log), options or ReadOptions())
 
 
-def cases_of(log: Log, options: ReadOptions) -> list[Case]:
-    """`read_cases` for a log that was scanned already. Raises LogError."""
-    topics = topics_of(log)
+def cases_of(log: Log, topics: Sequence[Topic], options: ReadOptions) -> list[Case]:
+    """`read_cases` for a log that is open, and its topics. Raises LogError."""
     map_topic = choose_map(log, topics, options.map_topic)
     trucks, trailers = choose_paths(log, topics, options.path_topic, options.trailer_topic)
     vehicle, notes = (options.vehicle, []) if options.vehicle else vehicle_in(log)
@@ -109,7 +110,7 @@ class _Reader:
     """Makes the cases of one log."""
 
     log: Log
-    topics: list[Topic]
+    topics: Sequence[Topic]
     options: ReadOptions
     vehicle: Vehicle
     maps: Maps
@@ -120,7 +121,7 @@ class _Reader:
     """Sources of hitch angles beside paths, and notes, by the frame of the path; filled as they are asked for."""
 
     def cases(self) -> list[Case]:
-        """All requests that can be used, or the one that the options choose."""
+        """Cases of all usable requests, or of the one that the options choose."""
         cases: list[Case] = []
         errors: list[LogError] = []
         seen: set[tuple[object, ...]] = set()
@@ -169,7 +170,7 @@ class _Reader:
         return next((other for other in nearest if other.header.stamp == series.header.stamp), nearest[0])
 
     def _identity(self, request: _Request) -> tuple[object, ...]:
-        """Equal for messages that ask the same: a latched topic repeats itself."""
+        """Key that is equal for messages with the same request: a latched topic repeats itself."""
         other = b"" if request.trailer is None else request.trailer.poses.tobytes()
         return self.maps.index_at(request.log_time), request.series.poses.tobytes(), other
 
@@ -268,7 +269,7 @@ class _Reader:
         return hitch_angles(at[:, 2] - recorded.poses[:, 2]), self._length_notes(recorded, at)
 
     def _other_reference(self, recorded: RecordedPoses, at: Array) -> str:
-        """Which --reference would put the trailer's axle where it is, for an error; empty where none does."""
+        """Advice for an error: the --reference that would put the trailer's axle where it is; empty where none does."""
         taken = reference_offset(self.vehicle, self.options)
         for name, ahead in references(self.vehicle).items():
             moved = at_rear_axle(recorded.poses, ahead - taken)
@@ -277,7 +278,7 @@ class _Reader:
         return ""
 
     def _length_notes(self, recorded: RecordedPoses, at: Array) -> list[str]:
-        """Where the paths themselves speak for another length of the trailer."""
+        """Notes where the paths suggest another length of the trailer."""
         if self.vehicle.hitch_offset != 0.0:
             return []
         found = float(np.median(np.hypot(*(recorded.poses[:, :2] - at[:, :2]).T)))

@@ -1,4 +1,4 @@
-"""What is wrong with a recorded path: what forbids its use, and what is worth telling."""
+"""Checks of a recorded path: refusals, and notes."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -21,7 +21,7 @@ NOTED_TURN = 0.02
 LARGEST_DEVIATION = 0.3
 """A drivable path farther from a pose than this [m], and five standard deviations of the noise, is another path."""
 _UNSURE_HITCH = 0.02
-"""Standard deviation of the last hitch angle from which a note tells of it [rad]."""
+"""Least standard deviation of the last hitch angle that gets a note [rad]."""
 LIMIT_SLACK = 1e-3
 """Limits may be exceeded by this factor before a note says so, as in the audit."""
 _PLACES = 11  # of a path that are tried for each pose
@@ -30,7 +30,7 @@ _ASK_REFERENCE = "are the poses those of the truck's rear axle (--reference), an
 
 
 class Deviation(NamedTuple):
-    """How far a drivable path is from the poses of a log: largest and root mean square over all of them."""
+    """Deviation of a drivable path from the poses of a log: largest and root mean square over all of them."""
 
     largest: float  # [m]
     rms: float  # [m]
@@ -89,7 +89,7 @@ def check_ends(problem: Problem, hint: Callable[[Array], str], is_reconstructed:
 
 
 def deviation(plane: Array, recorded: RecordedPoses, fit: Fit) -> Deviation:
-    """How far the fitted path is from all poses (m, 3) of the log: across it, at the place that is nearest.
+    """Deviation of the fitted path from all poses (m, 3) of the log: across it, at the nearest place.
 
     The place is sought between those of the neighbouring poses that the fit used.
     """
@@ -112,7 +112,7 @@ def deviation(plane: Array, recorded: RecordedPoses, fit: Fit) -> Deviation:
 
 
 def hitch_notes(problem: Problem, recorded: RecordedPoses, fit: Fit) -> list[str]:
-    """How well a hitch angle that is integrated is known at the goal."""
+    """Notes on the accuracy of an integrated hitch angle at the goal."""
     notes = []
     if not recorded.is_exact and fit.goal_hitch_sigma > _UNSURE_HITCH:
         notes.append(
@@ -182,7 +182,7 @@ def _limits(problem: Problem, recorded: RecordedPoses, fit: Fit) -> list[str]:
 
 
 def _collisions(problem: Problem, recorded: RecordedPoses, fit: Fit, hint: Callable[[Array], str]) -> list[str]:
-    """What lies in the way of the recorded path or too near to it, between its samples too."""
+    """Notes on obstacles in the way of the recorded path or too near to it, also between its samples."""
     if problem.recorded_clearance >= problem.margin:
         return []
     at, least, body = _least_swept(problem)

@@ -1,4 +1,4 @@
-"""Where a path has no poses for a while, and where it jumps: what is bridged, what is told, what is refused."""
+"""Gaps and jumps of a path: which are bridged, which get a note, which are refused."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ LARGEST_GAP = 5.0
 LARGEST_JUMP = 0.5
 """Distance sideways from pose to pose, against their headings, beyond which nothing drives there [m]."""
 NOTED_JUMP = 0.15
-"""The same from which a note tells of it [m]."""
+"""The least that gets a note [m]."""
 _ALONG = 0.2  # angle between the headings beside a gap and the way over it, at most [rad]
 _TURN, _TURN_RATE = 0.05, 0.17  # change of heading over a gap, at most [rad], [rad/m]: that of the tightest turn
 _NOISY = 6.0  # standard deviations of the noise that are no jump
@@ -45,7 +45,7 @@ def check_steps(plane: Array) -> list[str]:
 
 
 def _is_gap(plane: Array, row: int, step: float) -> bool:
-    """Whether a truck may have driven from a pose to the next one, `step` [m] away, without much steering."""
+    """True if a truck may have driven from a pose to the next one, `step` [m] away, without much steering."""
     if step > LARGEST_GAP or np.ptp(plane[:, 2]) <= 1e-9:
         return False
     way = np.arctan2(*(plane[row + 1, :2] - plane[row, :2])[::-1])

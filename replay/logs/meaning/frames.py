@@ -1,4 +1,4 @@
-"""Coordinate frames: what the log's transforms say about how one lies in another, where that does not change."""
+"""Coordinate frames: the static transforms between them that the log holds."""
 
 import dataclasses
 from collections import deque
@@ -11,12 +11,12 @@ from optim.numerics.arrays import Array, frozen
 from replay.base.errors import printable
 from replay.logs.meaning.planar import NORM_REFUSED, Refusal, rotation
 from replay.logs.meaning.topics import Topic
-from replay.logs.messages.content import PoseSeries, Transform
+from replay.logs.messages.types import PoseSeries, Transform
 
 STILL = 1e-6
 """Transforms between two frames that differ by less are the same [m, or of a quaternion's parts]."""
 MOST_FRAMES = 10_000
-"""Most pairs of frames that are looked at."""
+"""Largest number of pairs of frames."""
 
 
 def frame_name(frame: str) -> str:
@@ -29,8 +29,8 @@ class Frames:
 
     def __init__(self, topics: Sequence[Topic]) -> None:
         self._moves: dict[tuple[str, str], Array] = {}
-        """How far a frame moves from where it is first [m], and how far it turns [rad], where it does. Shape (2,)."""
-        self._topics = [topic for topic in topics if topic.family.role == "transforms"]
+        """Largest distance [m] and angle [rad] of a moving frame from its first pose. Shape (2,)."""
+        self._topics = [topic for topic in topics if topic.message_type.role == "transforms"]
 
     @cached_property
     def _links(self) -> dict[tuple[str, str], Array | None]:
@@ -129,7 +129,7 @@ def in_frame(series: PoseSeries, target: str, where: str, frames: Frames) -> tup
 
 
 def _is_same(pose: Array, other: Array) -> bool:
-    """Whether two transforms (7,) differ by less than `STILL`; a quaternion and its negative are the same rotation."""
+    """True if two transforms (7,) differ by less than `STILL`; a quaternion and its negative are the same rotation."""
     with np.errstate(over="ignore", invalid="ignore"):  # nothing has checked these values yet
         sign = 1.0 if pose[3:] @ other[3:] >= 0.0 else -1.0
         return bool(np.abs(pose - other * [1.0, 1.0, 1.0, sign, sign, sign, sign]).max() <= STILL)

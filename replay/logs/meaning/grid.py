@@ -8,7 +8,7 @@ from optim.model.vehicle import Vehicle, body_poses
 from optim.numerics.arrays import Array
 from replay.logs.meaning.options import ReadOptions
 from replay.logs.meaning.planar import Refusal, planar
-from replay.logs.messages.content import Grid
+from replay.logs.messages.types import Grid
 from replay.run.case import MapImage
 
 MAX_CELLS = 64_000_000
@@ -57,7 +57,7 @@ def outline(image: MapImage) -> Array:
 
 
 def obstacle_cells(image: MapImage, options: ReadOptions) -> NDArray[np.bool_]:
-    """Which cells are obstacles. Shape (H, W)."""
+    """Mask of the cells that are obstacles. Shape (H, W)."""
     occupied = image.cells >= options.occupied_from
     return occupied | (image.cells < 0) if options.unknown == "obstacle" else occupied
 

@@ -13,11 +13,11 @@ from replay.logs.meaning.pairing import at_stamps, hitch_angles
 from replay.logs.meaning.planar import Refusal, planar
 from replay.logs.meaning.poses import RecordedPoses
 from replay.logs.meaning.topics import Topic
-from replay.logs.messages.content import Joints, PoseSeries, Transform
+from replay.logs.messages.types import Joints, PoseSeries, Transform
 from replay.run.case import HitchSource
 
 DISAGREE = 0.02
-"""Difference between two sources of the hitch angle from which a note tells it [rad]."""
+"""Least difference between two sources of the hitch angle that gets a note [rad]."""
 JOINT_WORDS = ("hitch", "trailer", "articulation", "kingpin", "fifth_wheel", "fifthwheel")
 """A joint whose name holds one of these is the hitch, unless it is a wheel."""
 FRAME_WORD = "trailer"
@@ -39,7 +39,7 @@ class Angles(NamedTuple):
 
 
 class Hitch(NamedTuple):
-    """What is known about the hitch angle of a request."""
+    """Hitch angle of a request."""
 
     source: HitchSource
     alpha: Array | None
@@ -47,13 +47,13 @@ class Hitch(NamedTuple):
     initial: float
     notes: list[str]
     sign_of: str = ""
-    """What gave `alpha`, where its sign is a matter of convention."""
+    """Source of `alpha`, where its sign is a matter of convention."""
 
 
 def sources(
     topics: Sequence[Topic], frames: Frames, path_frame: str, options: ReadOptions
 ) -> tuple[list[Angles], list[str]]:
-    """All sources of hitch angles beside paths, best first, and notes about those that cannot be used.
+    """Sources of hitch angles beside paths, best first, and notes about those that cannot be used.
 
     Raises:
         LogError, Refusal: an option asks for one that cannot be used.
@@ -77,7 +77,7 @@ def sources(
 def _joint(topics: Sequence[Topic], options: ReadOptions) -> Angles | None:
     samples: dict[str, list[tuple[int, float]]] = {}
     for topic in topics:
-        for index, message in enumerate(topic.messages if topic.family.role == "joints" else ()):
+        for index, message in enumerate(topic.messages if topic.message_type.role == "joints" else ()):
             state: Joints
             for state in topic.decode(index):
                 time = state.stamp or message.log_time

@@ -16,11 +16,11 @@ from replay.logs.meaning.markers import MAX_POLYGONS, Markers, apply_markers, ma
 from replay.logs.meaning.options import ReadOptions
 from replay.logs.meaning.planar import Refusal
 from replay.logs.meaning.topics import Topic, refused
-from replay.logs.messages.content import Grid, Marker, Ring
+from replay.logs.messages.types import Grid, Marker, Ring
 from replay.run.case import MapImage
 
 _BESIDE = 1e-3 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-"""From a point on the edge of cells into all that may have it on their edge [m]."""
+"""Offsets from a point on the edge of cells into all cells that may have it on their edge [m]."""
 MAX_CORNERS = 10_000
 """Most corners of one polygon."""
 
@@ -36,7 +36,7 @@ class LogMap:
     notes: tuple[str, ...]
     options: ReadOptions
     headless: bool = False
-    """The messages of this map name no frame at all: it is taken to be in that of the path."""
+    """True if the messages of this map name no frame: the path's is assumed."""
 
     def check_under(self, vehicle: Vehicle, states: Array) -> None:
         """Raise Refusal if states (N, 4) of the recorded path leave the map, or stand on unknown cells."""
@@ -44,7 +44,7 @@ class LogMap:
             check_under_path(self.image, vehicle, states, self.options)
 
     def hint(self, point: Array) -> str:
-        """What a user may try about an obstacle at a point of its edge."""
+        """Advice about an obstacle, given a point on its edge; empty if there is none."""
         if self.image is None or self.options.unknown == "free":
             return ""
         if (cells_at(self.image, point + _BESIDE) == -1).any():
@@ -77,7 +77,7 @@ class Maps:
         try:
             if index not in self._understood:
                 builders = {"grid": self._grid, "markers": self._markers, "polygon": self._polygons}
-                self._understood[index] = builders[self.topic.family.role](index)
+                self._understood[index] = builders[self.topic.message_type.role](index)
             return self._understood[index], notes
         except Refusal as error:
             refused(self.topic, index, error)
@@ -132,7 +132,7 @@ class Maps:
         )
 
     def _markers_in_one_frame(self, markers: list[Marker]) -> tuple[str, list[Marker]]:
-        """All markers in the frame of most of them."""
+        """The frame of most markers, and all of them in it."""
         named = [frame_name(marker.header.frame) for marker in markers]
         frame = max(sorted(set(named)), key=named.count)
         if len(set(named)) == 1:

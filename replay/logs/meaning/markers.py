@@ -8,13 +8,23 @@ import numpy as np
 from optim.numerics.arrays import Array
 from replay.base.errors import printable
 from replay.logs.meaning.planar import NORM_REFUSED, Refusal, rotation
-from replay.logs.messages.content import Marker
+from replay.logs.messages.types import (
+    ARROW,
+    CUBE,
+    CUBE_LIST,
+    CYLINDER,
+    DELETE,
+    DELETE_ALL,
+    FORGET,
+    LINE_LIST,
+    LINE_STRIP,
+    MESH,
+    SPHERE,
+    TEXT,
+    TRIANGLE_LIST,
+    Marker,
+)
 
-CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST, CUBE_LIST = 1, 2, 3, 4, 5, 6
-ARROW, TEXT, MESH, TRIANGLE_LIST = 0, 9, 10, 11
-ADD, DELETE, DELETE_ALL = 0, 2, 3
-FORGET = 100
-"""An action of no ROS message: delete all of a namespace, or of all of them, that is not newer."""
 MAX_POLYGONS = 100_000
 """Most obstacles of one map."""
 THINNEST = 0.01

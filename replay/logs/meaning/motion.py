@@ -1,6 +1,6 @@
-"""What the poses of a path say about the motion in spite of their noise: its size, the gears, what stands for what.
+"""Motion from noisy poses: the size of the noise, the gears, the groups of poses that stand for one place.
 
-Noise is white: independent from pose to pose. What drifts slowly cannot be told from motion and stays in the path.
+Noise is white: independent from pose to pose. Slow drift cannot be distinguished from motion and stays in the path.
 """
 
 from dataclasses import dataclass

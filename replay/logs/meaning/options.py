@@ -1,4 +1,4 @@
-"""How a log is to be understood where it leaves a choice."""
+"""Options of the reader, where a log leaves a choice."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -11,11 +11,11 @@ class ReadOptions:
     """Choices of the reader. Raises ValueError for a value out of range."""
 
     map_topic: str | None = None
-    """Topic of the map; needed where several topics hold one."""
+    """Topic of the map; required where several topics hold one."""
     path_topic: str | None = None
-    """Topic of the truck's path; needed where it cannot be told."""
+    """Topic of the truck's path; required where the log leaves it open."""
     trailer_topic: str | None = None
-    """Topic of the trailer axle's path; needed where it cannot be told."""
+    """Topic of the trailer axle's path; required where the log leaves it open."""
     case: int | None = None
     """Number of the one request that is read, counted from 0; all of them by default."""
     vehicle: Vehicle | None = None
@@ -23,9 +23,9 @@ class ReadOptions:
     occupied_from: int = 65
     """Cells of an occupancy grid from this value up are obstacles, 1 to 100 [%]."""
     unknown: Literal["obstacle", "free"] = "obstacle"
-    """What unknown cells, and the world outside an occupancy grid, are."""
+    """Meaning of unknown cells, and of the world outside an occupancy grid."""
     height: float = 4.2
-    """Markers wholly above this height are no obstacles [m]."""
+    """Markers wholly above this height are ignored [m]."""
     hitch_joint: str | None = None
     """Joint whose angle [rad] is the hitch's, trailer's heading minus truck's; by default the one whose name says
     so."""
@@ -38,7 +38,7 @@ class ReadOptions:
     """Point of the truck that the poses of its path are of; centre: of its outline, (truck_front - truck_rear) / 2
     ahead of the rear axle."""
     reference_offset: float = 0.0
-    """How far ahead of that point they are [m]."""
+    """Distance of the poses ahead of that point [m]."""
     start_direction: Literal[1, -1] = 1
     """Gear of the first metre, where the log has no headings: 1 forward, -1 reverse."""
     margin: float = 0.1

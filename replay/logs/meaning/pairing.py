@@ -1,11 +1,11 @@
-"""Which path is the trailer's, and where the trailer was at each pose of the truck."""
+"""Pairing of the trailer's path with the truck's: the trailer's pose at each pose of the truck."""
 
 import numpy as np
 
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, IntArray
 from replay.logs.meaning.planar import Refusal
-from replay.logs.messages.content import PoseSeries
+from replay.logs.messages.types import PoseSeries
 
 TOLERANCE = 0.2
 """Largest median distance of the trailer's axle from where the hitch puts it [m]."""
@@ -39,7 +39,7 @@ def hitch_misfit(truck: Array, trailer: Array, vehicle: Vehicle) -> Array:
 
 
 def _hitch(truck: Array, vehicle: Vehicle) -> Array:
-    """Where the truck's poses put the hitch [m]. Shape (n, 2)."""
+    """Hitch position at the truck's poses [m]. Shape (n, 2)."""
     return truck[:, :2] - vehicle.hitch_offset * _along(truck[:, 2])
 
 

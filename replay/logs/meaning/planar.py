@@ -1,4 +1,4 @@
-"""From poses in space to poses in the plane, refusing what is not one."""
+"""Projection of poses in space to the plane; poses that are tilted or not finite are refused."""
 
 import numpy as np
 
@@ -22,7 +22,7 @@ _FIELDS = (
 
 
 class Refusal(Exception):
-    """Something in a log that cannot be used; the caller adds file and topic."""
+    """Refusal of a part of a log; the caller adds file and topic."""
 
     def __init__(self, code: str, text: str) -> None:
         self.code = code

@@ -1,4 +1,4 @@
-"""From the poses of one path message to what a fit can use: in the plane, distinct, with headings and gears."""
+"""Preparation of one path message for the fit: poses in the plane, distinct, with headings and gears."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ from replay.logs.meaning.motion import (
     turning_points,
 )
 from replay.logs.meaning.planar import Refusal, planar
-from replay.logs.messages.content import PoseSeries
+from replay.logs.messages.types import PoseSeries
 
 LARGEST_COORDINATE = 1e6
 """Distance from the map beyond which a pose is no place [m]."""
@@ -61,7 +61,7 @@ class RecordedPoses:
 
     @property
     def is_exact(self) -> bool:
-        """Whether the poses have too little noise to matter."""
+        """True if the noise of the poses is negligible."""
         return self.noise.position <= QUIET.position and self.noise.heading <= QUIET.heading
 
     def averaged(self, values: Array) -> Array:
@@ -227,7 +227,7 @@ def _distinct(xy: Array) -> tuple[IntArray, IntArray]:
 
 
 def headings_missing(poses: Array) -> bool:
-    """Whether the headings are all the same although the path turns, or runs across them."""
+    """True if all headings are equal although the path turns, or runs across them."""
     if np.ptp(poses[:, 2]) > 1e-9:
         return False
     dx, dy = np.diff(poses[:, :2], axis=0).T

@@ -12,7 +12,8 @@ import numpy as np
 
 from optim.fit.poses import Fit, fit_path
 from optim.fit.system import Bounds, FitOptions
-from optim.model.problem import path_clearance, within_limits
+from optim.model.limits import within_limits
+from optim.model.problem import path_clearance
 from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array
@@ -53,7 +54,7 @@ def repaired(
 
 
 class _Task(NamedTuple):
-    """What is fitted."""
+    """Input of the fits."""
 
     vehicle: Vehicle
     scene: Scene
@@ -100,7 +101,7 @@ class _Task(NamedTuple):
         return fit if fit is not None and self._is_near(fit, first) else None
 
     def _is_near(self, fit: Fit, first: Fit) -> bool:
-        """Whether a fit is drivable and as near to the poses as the first, within their noise."""
+        """True if a fit is drivable and as near to the poses as the first, within their noise."""
         noise = self.recorded.noise
         aside, turned = GIVEN_WAY + _DEVIATIONS * noise.position, _TURNED_AWAY + _DEVIATIONS * noise.heading
         if first.defect > LARGEST_DEFECT:  # it is no path: any is better

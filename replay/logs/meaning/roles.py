@@ -1,4 +1,4 @@
-"""Which of the paths in a log is the truck's, and which the trailer's."""
+"""Roles of the paths in a log: truck or trailer."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from replay.logs.meaning.planar import Refusal
 from replay.logs.meaning.poses import recorded_poses, to_plane
 from replay.logs.meaning.stated import at_rear_axle, references
 from replay.logs.meaning.topics import Topic, refused, titles
-from replay.logs.messages.content import PoseSeries
+from replay.logs.messages.types import PoseSeries
 
 MOST_CANDIDATES = 8
 """Path topics that are compared with each other; more ask for a choice at once."""
@@ -32,7 +32,7 @@ def truck_and_trailer(
     offset: how far ahead of the rear axle the truck's poses are [m].
 
     Raises:
-        LogError: it cannot be told; the error lists the topics and names the options.
+        LogError: the log leaves it open; the error lists the topics and names the options.
     """
     if len(trucks) == 1 and trailers == trucks:
         return trucks[0], None

@@ -1,5 +1,5 @@
-"""What a path message states beside its poses: the gear by the sign of its speed, the angle of the front wheel; and the
-point of the truck that its poses are of.
+"""Statements of a path message beside its poses: the gear by the sign of its speed, the angle of the front wheel; and
+the reference point of its poses on the truck.
 """
 
 import dataclasses
@@ -13,16 +13,16 @@ from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
 from replay.logs.meaning.options import ReadOptions
 from replay.logs.meaning.planar import Refusal
 from replay.logs.meaning.poses import RecordedPoses, headings_missing, nearest_row
-from replay.logs.messages.content import PoseSeries
+from replay.logs.messages.types import PoseSeries
 
 CONTRADICTED = 0.5
 """Travel from which a motion against the stated gear is no noise [m]."""
 NOTED_STEER = 0.05
-"""Difference between stated and fitted steering angles from which a note tells it [rad]."""
+"""Least difference between stated and fitted steering angles that gets a note [rad]."""
 
 
 def reference_offset(vehicle: Vehicle, options: ReadOptions) -> float:
-    """How far ahead of the rear axle the poses of a path are [m]."""
+    """Distance of a path's reference point ahead of the rear axle [m]."""
     return references(vehicle)[options.reference] + options.reference_offset
 
 
@@ -56,7 +56,7 @@ def start_direction(series: PoseSeries, options: ReadOptions) -> int:
 
 
 def _says(values: Array | None) -> TypeGuard[Array]:
-    """Whether a message has these values: types have fields that nobody fills."""
+    """True if a message has these values: types have fields that few programs fill."""
     return values is not None and bool(np.isfinite(values).all() and values.any())
 
 
@@ -113,7 +113,7 @@ def _stated_gears(speed: Array, kept: IntArray) -> IntArray:
 
 
 def steer_notes(recorded: RecordedPoses, fit: Fit, series: PoseSeries) -> list[str]:
-    """How far the angles of the front wheel that a message states are from those of the drivable path."""
+    """Notes on the difference between the steering angles of a message and of the drivable path."""
     steer = series.steer
     if not _says(steer):
         return []

@@ -1,7 +1,7 @@
-"""Which topics of a log hold the map and the paths, and their messages, decoded."""
+"""The topics of a log with their decoded messages, and the choice of those with the map and the paths."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NoReturn
 
@@ -9,19 +9,71 @@ import numpy as np
 
 from optim.numerics.arrays import frozen, frozen_int
 from replay.base.errors import LogError, printable
-from replay.logs.container.records import Channel, Log, Message
+from replay.logs.container.log import Channel, Log, Message
 from replay.logs.meaning.planar import Refusal
-from replay.logs.messages.content import MAP_ROLES, PATH_ROLES, PayloadError, PoseSeries, Role
-from replay.logs.messages.families import FAMILIES, Family
-from replay.logs.messages.layout import LayoutError
+from replay.logs.messages import MESSAGE_TYPES
+from replay.logs.messages.types import (
+    MAP_ROLES,
+    PATH_ROLES,
+    Decode,
+    DefinitionError,
+    Grid,
+    MessageType,
+    PayloadError,
+    PoseSeries,
+    Role,
+)
 
 EXPORTED = "/replay/"
-"""Where paths are that this program itself has written into a copy of a log."""
+"""Topic prefix of paths that this program wrote into a copy of a log."""
+
+
+KEPT_BYTES = 128 << 20
+"""Decoded messages of one log are kept up to this estimated size, so that each message is decoded once."""
+_OBJECT_BYTES = 1000
+"""Estimated size of a decoded message or part without its arrays."""
 
 
 def is_wanted(channel: Channel) -> bool:
-    """Whether a channel may hold something that is understood."""
-    return channel.schema is not None and channel.schema.name in FAMILIES
+    """True if the messages of a channel are of a type that is understood."""
+    return channel.schema is not None and channel.schema.name in MESSAGE_TYPES
+
+
+class DecodedMessages:
+    """Decoded messages, and the errors of those that cannot be decoded, by topic, type and number; bounded in size."""
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[str, str, int], Any] = {}
+        self._bytes_left = KEPT_BYTES
+
+    def get(self, key: tuple[str, str, int], decode: Callable[[], Any]) -> Any:
+        """The result of `decode` for a message; raises its LogError. `decode` is called again only beyond the bound."""
+        found = self._found.get(key)
+        if found is None:
+            try:
+                found = decode()
+            except LogError as error:
+                found = error
+            self._bytes_left -= _bytes_of(found)
+            if self._bytes_left > 0:
+                self._found[key] = found
+        if isinstance(found, LogError):
+            raise found
+        return found
+
+
+def _bytes_of(decoded: Any) -> int:
+    """Estimated size of a decoded message."""
+    if isinstance(decoded, Grid):
+        return _OBJECT_BYTES + decoded.data.nbytes
+    if isinstance(decoded, PoseSeries):
+        return _OBJECT_BYTES + decoded.poses.nbytes + decoded.stamps.nbytes
+    if isinstance(decoded, tuple):
+        return sum(_OBJECT_BYTES + getattr(part, "points", _NO_POINTS).nbytes for part in decoded)
+    return _OBJECT_BYTES
+
+
+_NO_POINTS = np.empty((0, 3))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,27 +85,29 @@ class Topic:
     schema: str
     channels: tuple[Channel, ...]
     messages: tuple[Message, ...]
+    decoded: DecodedMessages = field(default_factory=DecodedMessages)
+    """Shared by all topics of a log."""
 
     @property
-    def family(self) -> Family:
-        """How its messages are read."""
-        return FAMILIES[self.schema]
+    def message_type(self) -> MessageType:
+        """Type of its messages."""
+        return MESSAGE_TYPES[self.schema]
 
     @property
     def title(self) -> str:
-        """For lists in errors."""
+        """Name, type and size, for lists in errors."""
         count = self.num_logged
         return f"{printable(self.name, 80)} ({self.schema}, {count} message{'s' * (count != 1)})"
 
     @property
     def num_logged(self) -> int:
-        """How many messages the log holds of it."""
+        """Number of its messages in the log."""
         return len(self.messages)
 
     @property
     def where(self) -> str:
-        """How errors begin."""
-        role = "pose" if self.family.role == "stream" else self.family.role
+        """First words of its errors."""
+        role = "pose" if self.message_type.role == "stream" else self.message_type.role
         return f"{role} topic {printable(self.name, 80)!r}"
 
     def fail(self, code: str, text: str, index: int | None = None) -> NoReturn:
@@ -64,31 +118,34 @@ class Topic:
         raise LogError(code, self.log.path, f"{where}: {text}")
 
     @cached_property
-    def _readers(self) -> dict[int, Callable[[bytes], Any]]:
-        """What decodes the messages of each channel. Raises LogError for an encoding or definition that is not read."""
-        return {channel.id: self._reader(channel) for channel in self.channels}
+    def _decoders(self) -> dict[int, Decode]:
+        """The decoder of each channel. Raises LogError for an encoding or message definition that is not read."""
+        return {channel.id: self._decoder(channel) for channel in self.channels}
 
-    def _reader(self, channel: Channel) -> Callable[[bytes], Any]:
-        schema, family = channel.schema, self.family
+    def _decoder(self, channel: Channel) -> Decode:
+        schema, kind = channel.schema, self.message_type
         assert schema is not None, "a topic is made of channels with schemas"
         encodings = channel.encoding, schema.encoding
-        if encodings not in family.encodings:
+        if encodings not in kind.encodings:
             found = f"{encodings[0][:40]!r} with {encodings[1][:40]!r} definitions"
-            expected = " or ".join(f"{message!r} with {each!r}" for message, each in family.encodings)
+            expected = " or ".join(f"{message!r} with {each!r}" for message, each in kind.encodings)
             self.fail("E_ENCODING", f"its messages are encoded as {found}, expected {expected} definitions")
         try:
-            return family.reader(encodings, schema.data)
-        except LayoutError as error:
+            return kind.decoder(encodings, schema.data)
+        except DefinitionError as error:
             self.fail("E_SCHEMA", f"its definition of {self.schema} is not the standard one: {error}")
 
     def decode(self, index: int) -> Any:
-        """The content of a message, by its place in `messages`. Raises LogError."""
+        """The decoded message of a number in `messages`. Raises LogError."""
+        return self.decoded.get((self.name, self.schema, index), lambda: self._decode(index))
+
+    def _decode(self, index: int) -> Any:
         message = self.messages[index]
         if message.log_time >= 1 << 63:
             self.fail("E_TIME", f"log time {message.log_time} ns is no time", index)
-        read = self._readers[message.channel.id]
+        decode = self._decoders[message.channel.id]
         try:
-            return read(message.data)
+            return decode(message.data)
         except PayloadError as error:
             self.fail("E_PAYLOAD", str(error), index)
 
@@ -102,7 +159,7 @@ class Stream(Topic):
 
     @property
     def num_logged(self) -> int:
-        """How many messages the log holds of it."""
+        """Number of its messages in the log."""
         return self.each.num_logged
 
     def decode(self, index: int) -> PoseSeries:
@@ -126,7 +183,7 @@ class Stream(Topic):
 
 
 def _as_path(topic: Topic) -> Topic:
-    if topic.family.role != "stream":
+    if topic.message_type.role != "stream":
         return topic
     return Stream(
         log=topic.log,
@@ -144,17 +201,19 @@ def topics_of(log: Log) -> list[Topic]:
     for channel in log.channels:
         if channel.schema is not None and is_wanted(channel) and log.counts.get(channel.id):
             groups.setdefault((channel.topic, channel.schema.name), []).append(channel)
-    found = []
+    found, decoded = [], DecodedMessages()
     for (name, schema), channels in sorted(groups.items()):
         ids = {channel.id for channel in channels}
         messages = tuple(message for message in log.messages if message.channel.id in ids)
-        found.append(Topic(log=log, name=name, schema=schema, channels=tuple(channels), messages=messages))
+        found.append(
+            Topic(log=log, name=name, schema=schema, channels=tuple(channels), messages=messages, decoded=decoded)
+        )
     return found
 
 
 def choose_map(log: Log, topics: Sequence[Topic], name: str | None) -> Topic:
     """The topic with the map. Raises LogError if there is none, or more than one and no name."""
-    candidates = [topic for topic in topics if topic.family.role in MAP_ROLES]
+    candidates = [topic for topic in topics if topic.message_type.role in MAP_ROLES]
     if not candidates:
         raise LogError("E_NO_MAP", log.path, _nothing(log, "map", MAP_ROLES))
     if name is not None:
@@ -169,8 +228,8 @@ def choose_paths(
     log: Log, topics: Sequence[Topic], truck: str | None, trailer: str | None
 ) -> tuple[list[Topic], list[Topic]]:
     """Topics that may be the truck's path, and topics that may be the trailer's. Raises LogError if there is none."""
-    paths = [topic for topic in topics if topic.family.role == "path"]
-    streams = [topic for topic in topics if topic.family.role == "stream" and len(topic.messages) > 1]
+    paths = [topic for topic in topics if topic.message_type.role == "path"]
+    streams = [topic for topic in topics if topic.message_type.role == "stream" and len(topic.messages) > 1]
     named = (truck, trailer)  # beside paths, streams are used only where an option names one
     candidates = [_as_path(topic) for topic in paths + [each for each in streams if not paths or each.name in named]]
     if not candidates:
@@ -214,7 +273,7 @@ def _named(log: Log, candidates: Sequence[Topic], name: str, option: str) -> Top
 
 
 def _nothing(log: Log, what: str, roles: Sequence[Role]) -> str:
-    schemas = ", ".join(name for name, family in FAMILIES.items() if family.role in roles)
+    schemas = ", ".join(name for name, kind in MESSAGE_TYPES.items() if kind.role in roles)
     text = f"no {what} in this log; expected messages of {schemas}"
     present = [c for c in log.channels if log.counts.get(c.id)]
     if present:

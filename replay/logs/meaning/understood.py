@@ -1,12 +1,13 @@
-"""What each channel of a log was understood as, and what was not, and why: for people, in one line each."""
+"""One line for each channel of a log: its use and size, or the reason why it is not read."""
 
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 from replay.base.errors import LogError, printable
-from replay.logs.container.records import Channel, Log
-from replay.logs.meaning.topics import Topic, topics_of
-from replay.logs.messages.content import PATH_ROLES, Role
-from replay.logs.messages.families import FAMILIES
+from replay.logs.container.log import Channel, Log
+from replay.logs.meaning.topics import Topic
+from replay.logs.messages import MESSAGE_TYPES
+from replay.logs.messages.types import PATH_ROLES, Role
 
 _WORDS: Final[dict[Role, tuple[str, str]]] = {
     "grid": ("map: grid", "cells"),
@@ -17,29 +18,29 @@ _WORDS: Final[dict[Role, tuple[str, str]]] = {
     "joints": ("joints", "states"),
     "transforms": ("transforms", "transforms"),
 }
-"""What the messages of a role are, and what is counted in them."""
+"""Name of a role, and of the unit that is counted."""
 
 
 class Use(NamedTuple):
-    """One channel."""
+    """Use of one channel."""
 
     role: Role | None
-    """What its messages are read as; None if they are not read."""
+    """Use of its messages; None if they are not read."""
     text: str
-    """What is in them, or why they are not read."""
+    """Use and size in words, or the reason why they are not read."""
 
 
-def uses(log: Log) -> list[Use]:
-    """One for each of the log's channels. Every message that can be read is decoded for it."""
-    topics = {(topic.name, topic.schema): _used(topic) for topic in topics_of(log)}
-    return [_use(log, channel, topics) for channel in log.channels]
+def uses(log: Log, topics: Sequence[Topic]) -> list[Use]:
+    """One for each of the log's channels; `topics` are the log's. Every message that can be read is decoded for it."""
+    used = {(topic.name, topic.schema): _used(topic) for topic in topics}
+    return [_use(log, channel, used) for channel in log.channels]
 
 
 def _use(log: Log, channel: Channel, topics: dict[tuple[str, str], Use]) -> Use:
     schema = channel.schema
     if schema is None:
         return Use(None, "not read: its schema is missing" if channel.schema_id else "not read: no schema")
-    if schema.name not in FAMILIES:
+    if schema.name not in MESSAGE_TYPES:
         return Use(None, "not read: unknown type")
     if not log.counts.get(channel.id):
         return Use(None, "no messages")
@@ -47,7 +48,7 @@ def _use(log: Log, channel: Channel, topics: dict[tuple[str, str], Use]) -> Use:
 
 
 def _used(topic: Topic) -> Use:
-    role = topic.family.role
+    role = topic.message_type.role
     sizes: list[int] = []
     for index in range(len(topic.messages)):
         try:
@@ -60,13 +61,13 @@ def _used(topic: Topic) -> Use:
 
 
 def _reason(topic: Topic, error: LogError) -> str:
-    """What an error says after the names of the file and the topic."""
+    """Text of an error after the names of the file and the topic."""
     text = error.message.removeprefix(f"{printable(str(topic.log.path))}: ")
     return text.removeprefix(topic.where).lstrip(",: ")
 
 
-def _size(role: Role, content: Any) -> int:
-    """How much one message holds."""
+def _size(role: Role, decoded: Any) -> int:
+    """Number of units in one decoded message."""
     if role == "grid":
-        return content.width * content.height
-    return len(content.poses) if role in PATH_ROLES else len(content)
+        return decoded.width * decoded.height
+    return len(decoded.poses) if role in PATH_ROLES else len(decoded)

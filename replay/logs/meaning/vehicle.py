@@ -10,7 +10,7 @@ import numpy as np
 from optim.model.vehicle import BEYOND_AXLES, Vehicle
 from optim.numerics.arrays import IntArray
 from replay.base.errors import LogError, printable
-from replay.logs.container.records import Log, Metadata
+from replay.logs.container.log import Log, Metadata
 from replay.logs.meaning.planar import Refusal
 
 REQUIRED = ("wheelbase", "hitch_to_axle")

@@ -8,7 +8,7 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from replay.logs.messages.content import PayloadError
+from replay.logs.messages.types import PayloadError
 
 HEADER_SIZE = 4
 _KINDS = {0: "big-endian CDR", 2: "big-endian PL_CDR", 3: "PL_CDR", 6: "big-endian XCDR2", 7: "XCDR2"}

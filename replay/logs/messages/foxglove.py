@@ -9,10 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optim.numerics.arrays import Array, frozen, frozen_int
-from replay.logs.meaning import markers as m
-from replay.logs.messages.content import Grid, Header, Joints, Marker, PayloadError, PoseSeries, Role, Transform
+from replay.logs.messages import types as m
 from replay.logs.messages.json_messages import decode_json
-from replay.logs.messages.wire import Decoder, descriptors, plan_for
+from replay.logs.messages.protobuf import Decoder
+from replay.logs.messages.types import (
+    Decode,
+    Grid,
+    Header,
+    Joints,
+    Marker,
+    MessageType,
+    PayloadError,
+    PoseSeries,
+    Role,
+    Transform,
+)
 
 Tree = dict[str, Any]
 _NOT_TURNED = (0.0, 0.0, 0.0, 1.0)
@@ -219,34 +230,27 @@ def _indexed(primitive: Tree) -> list[list[float]]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Family:
-    """A message type that is understood."""
+class FoxgloveType(MessageType):
+    """A Foxglove message type, in protobuf or JSON."""
 
-    name: str
-    role: Role
-    """What it is read as."""
+    encodings = ("protobuf", "protobuf"), ("json", "jsonschema"), ("json", "")
     convert: Callable[[Tree], Any]
+    """Makes of a message's fields what its role asks for. Raises PayloadError."""
 
-    @property
-    def encodings(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of message encoding and encoding of the definition that are read."""
-        return ("protobuf", "protobuf"), ("json", "jsonschema"), ("json", "")
-
-    def reader(self, encodings: tuple[str, str], definition: bytes) -> Callable[[bytes], Any]:
-        """What decodes the messages of a channel. Raises LayoutError where its definition is another one."""
-        if encodings[0] == "json":  # which says itself what its values are called
-            return partial(self._read, partial(decode_json, self.name))
-        return partial(self._read, Decoder(plan_for(self.name, descriptors(definition))))
-
-    def _read(self, decode: Callable[[bytes], Tree], data: bytes) -> Any:
-        return self.convert(decode(data))
+    def decoder(self, encodings: tuple[str, str], definition: bytes) -> Decode:
+        """The decoder for the messages of a channel. Raises DefinitionError. JSON names its fields: it needs none."""
+        if encodings[0] == "json":
+            fields = partial(decode_json, self.name)
+        else:
+            fields = Decoder(self.name, definition)
+        return lambda data: self.convert(fields(data))
 
 
-def _by_name(*families: tuple[str, Role, Callable[[Tree], Any]]) -> dict[str, Family]:
-    return {name: Family(name=name, role=role, convert=convert) for name, role, convert in families}
+def _by_name(*types: tuple[str, Role, Callable[[Tree], Any]]) -> dict[str, FoxgloveType]:
+    return {name: FoxgloveType(name=name, role=role, convert=convert) for name, role, convert in types}
 
 
-FAMILIES: Final[Mapping[str, Family]] = _by_name(
+MESSAGE_TYPES: Final[Mapping[str, FoxgloveType]] = _by_name(
     ("foxglove.Grid", "grid", grid),
     ("foxglove.SceneUpdate", "markers", scene),
     ("foxglove.PosesInFrame", "path", poses),
@@ -256,4 +260,4 @@ FAMILIES: Final[Mapping[str, Family]] = _by_name(
     ("foxglove.JointState", "joints", joint),
     ("foxglove.JointStates", "joints", joints),
 )
-"""Message types by schema name; the fields of each are in `structure.py`."""
+"""Message types by schema name; the fields of each are in `foxglove_definitions.py`."""

@@ -7,18 +7,16 @@ is untrusted: one pass over its tokens, nothing recurses, and what is not unders
 import re
 from typing import Final, NoReturn
 
+from replay.logs.messages.types import DefinitionError
+
 MAX_TYPES: Final = 256
 MAX_FIELDS: Final = 512
 """Most fields of one type."""
 MAX_DEPTH: Final = 16
 """Most modules within each other."""
 
-Layout = dict[str, list[tuple[str, str]]]
+MessageDefinition = dict[str, list[tuple[str, str]]]
 """Type and name of each field, by type. Types of packages are written `pkg/Type`."""
-
-
-class LayoutError(ValueError):
-    """A definition that cannot be read, or that is not the standard one."""
 
 
 _TOKEN = re.compile(
@@ -44,17 +42,17 @@ _PRIMITIVES = {
 _SEVERAL_WORDS = ("unsigned", "long", "short")
 
 
-def parse_idl(text: str) -> Layout:
+def parse_idl(text: str) -> MessageDefinition:
     """Fields of each type in an IDL text.
 
     Raises:
-        LayoutError: over a limit, or anything that is not in the subset.
+        DefinitionError: over a limit, or anything that is not in the subset.
     """
     tokens: list[str] = []
     for match in _TOKEN.finditer(text):
         token = match["token"]
         if token == '"' or (text.startswith("/*", match.start()) and token):  # or each would be searched to the end
-            raise LayoutError(f"{match[0]!r} opens what is never closed")
+            raise DefinitionError(f"{match[0]!r} opens what is never closed")
         if token:
             tokens.append(token)
     return _Parser(tokens).parse()
@@ -67,11 +65,11 @@ class _Parser:
         self.tokens = tokens
         self.pos = 0
         self.modules: list[str] = []
-        self.layout: Layout = {}
+        self.layout: MessageDefinition = {}
         self.arrays: dict[str, str] = {}
         """Types that are named by typedefs, in full."""
 
-    def parse(self) -> Layout:
+    def parse(self) -> MessageDefinition:
         while self.pos < len(self.tokens):
             word = self._next()
             if word == "@":
@@ -80,7 +78,7 @@ class _Parser:
                 self.modules.append(self._name())
                 self._expect("{")
                 if len(self.modules) > MAX_DEPTH:
-                    raise LayoutError(f"more than {MAX_DEPTH} modules within each other")
+                    raise DefinitionError(f"more than {MAX_DEPTH} modules within each other")
             elif word == "}" and self.modules:
                 self.modules.pop()
                 self._optional(";")
@@ -93,19 +91,19 @@ class _Parser:
             else:
                 self._refuse(word, "a module, struct, typedef or constant")
         if self.modules:
-            raise LayoutError(f"module {self.modules[-1][:40]!r} is not closed")
+            raise DefinitionError(f"module {self.modules[-1][:40]!r} is not closed")
         return self.layout
 
     # ---- tokens
 
     def _next(self) -> str:
         if self.pos >= len(self.tokens):
-            raise LayoutError("the definition ends in the middle of a declaration")
+            raise DefinitionError("the definition ends in the middle of a declaration")
         self.pos += 1
         return self.tokens[self.pos - 1]
 
     def _refuse(self, found: str, expected: str) -> NoReturn:
-        raise LayoutError(f"{found[:40]!r} where {expected} was expected")
+        raise DefinitionError(f"{found[:40]!r} where {expected} was expected")
 
     def _expect(self, word: str) -> None:
         found = self._next()
@@ -143,9 +141,9 @@ class _Parser:
     def _struct(self) -> None:
         fields = self.layout.setdefault(self._here(self._name()), [])
         if len(self.layout) > MAX_TYPES:
-            raise LayoutError(f"more than {MAX_TYPES} types")
+            raise DefinitionError(f"more than {MAX_TYPES} types")
         if fields:
-            raise LayoutError("a struct is defined twice")
+            raise DefinitionError("a struct is defined twice")
         self._expect("{")
         while not self._optional("}"):
             if self._optional("@"):
@@ -154,14 +152,14 @@ class _Parser:
             kind, name, size = self._declaration()
             fields.append((self.arrays.get(kind, kind) + size, name))
             if len(fields) > MAX_FIELDS:
-                raise LayoutError(f"more than {MAX_FIELDS} fields in a struct")
+                raise DefinitionError(f"more than {MAX_FIELDS} fields in a struct")
         self._expect(";")
 
     def _typedef(self) -> None:
         kind, name, size = self._declaration()
         self.arrays[self._here(name)] = kind + size
         if len(self.arrays) > MAX_FIELDS:
-            raise LayoutError(f"more than {MAX_FIELDS} typedefs")
+            raise DefinitionError(f"more than {MAX_FIELDS} typedefs")
 
     def _declaration(self) -> tuple[str, str, str]:
         """Type, name and size in brackets of one field, with its closing semicolon."""

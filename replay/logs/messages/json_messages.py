@@ -1,4 +1,4 @@
-"""Foxglove messages in JSON, checked against `structure.py` and given the form that `wire.py` gives."""
+"""Foxglove messages in JSON, checked against `foxglove_definitions.py`; the result is that of `protobuf.py`."""
 
 import base64
 import binascii
@@ -7,9 +7,8 @@ from typing import Any, Final
 
 from replay.base.errors import printable
 from replay.base.strict_json import JsonError, parse_json
-from replay.logs.messages.content import PayloadError
-from replay.logs.messages.structure import MAX_PARTS, MESSAGES, VECTORS, Field, absent
-from replay.logs.messages.wire import nanoseconds
+from replay.logs.messages.foxglove_definitions import MAX_PARTS, MESSAGES, VECTORS, Field, absent, nanoseconds
+from replay.logs.messages.types import PayloadError
 
 MAX_TEXT: Final = 16 << 20
 """Longest message [bytes]: a grid of 3000 x 3000 cells, and no more than memory can hold of empty lists."""

@@ -1,4 +1,7 @@
-"""The ROS 2 messages that are understood. A further type is one decoder, one definition and one entry in `FAMILIES`."""
+"""The ROS 2 message types that are understood.
+
+A further type is one decoder, one message definition and one entry in `MESSAGE_TYPES`.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -6,44 +9,35 @@ from typing import Any, Final
 
 from replay.logs.messages import ros2_decoders as decoders
 from replay.logs.messages import ros2_definitions as definitions
-from replay.logs.messages.content import Role
-from replay.logs.messages.layout import matching_layout
-
-DEFINITIONS: Final = ("ros2msg", "ros2idl")
-"""Encodings of definitions that are read."""
+from replay.logs.messages.definition import matching_definition
+from replay.logs.messages.types import Decode, MessageType, Role
 
 
 @dataclass(frozen=True, kw_only=True)
-class Family:
-    """A message type that is understood."""
+class Ros2Type(MessageType):
+    """A ROS 2 message type, in CDR."""
 
-    name: str
-    role: Role
-    """What it is read as."""
+    encodings = ("cdr", "ros2msg"), ("cdr", "ros2idl")
     standards: tuple[str, ...]
-    """Definitions that the decoder knows; the decoder is told which one it is."""
+    """The message definitions that `decode` knows."""
     decode: Callable[[bytes, int], Any]
+    """Decodes a message whose definition is the one of that number. Raises PayloadError."""
 
-    @property
-    def encodings(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of message encoding and encoding of the definition that are read."""
-        return tuple(("cdr", each) for each in DEFINITIONS)
-
-    def reader(self, encodings: tuple[str, str], definition: bytes) -> Callable[[bytes], Any]:
-        """What decodes the messages of a channel. Raises LayoutError where its definition is not the standard one."""
-        layout = matching_layout(self.name, definition, self.standards, encodings[1])
-        return lambda data: self.decode(data, layout)
+    def decoder(self, encodings: tuple[str, str], definition: bytes) -> Decode:
+        """The decoder for the messages of a channel. Raises DefinitionError."""
+        standard = matching_definition(self.name, definition, self.standards, encodings[1])
+        return lambda data: self.decode(data, standard)
 
 
-def _by_name(*families: tuple[str, Role, Callable[[bytes, int], Any], tuple[str, ...]]) -> dict[str, Family]:
+def _by_name(*types: tuple[str, Role, Callable[[bytes, int], Any], tuple[str, ...]]) -> dict[str, Ros2Type]:
     return {
-        name: Family(name=name, role=role, decode=decode, standards=standards)
-        for name, role, decode, standards in families
+        name: Ros2Type(name=name, role=role, decode=decode, standards=standards)
+        for name, role, decode, standards in types
     }
 
 
 _MARKERS = (definitions.MARKER, definitions.MARKER_OLD)
-FAMILIES: Final[Mapping[str, Family]] = _by_name(
+MESSAGE_TYPES: Final[Mapping[str, Ros2Type]] = _by_name(
     ("nav_msgs/msg/OccupancyGrid", "grid", decoders.decode_grid, (definitions.GRID,)),
     (
         "visualization_msgs/msg/MarkerArray",

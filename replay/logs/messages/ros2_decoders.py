@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from optim.numerics.arrays import Array, frozen, frozen_int
 from replay.logs.messages.cdr import HEADER_SIZE, CdrError, CdrReader
-from replay.logs.messages.content import Grid, Header, Joints, Marker, PoseSeries, Ring, Transform
+from replay.logs.messages.types import Grid, Header, Joints, Marker, PoseSeries, Ring, Transform
 
 
 def _stamp(reader: CdrReader, field: str) -> int:

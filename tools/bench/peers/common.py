@@ -87,8 +87,7 @@ def measure_path(case: Case, path: Path) -> tuple[str, tuple[str, ...]]:
     run = run_case(case, {"given": given}).methods[0]
     if run.rejected is None:
         return run.status, ()
-    checks: dict[str, dict[str, bool]] = run.rejected["checks"]
-    return run.status, tuple(name for name, check in checks.items() if not check["passed"])
+    return run.status, run.rejected.failed
 
 
 class Given:
