@@ -10,7 +10,7 @@ front wheels' way in a step:
 import numpy as np
 from numba import njit
 
-from optim.methods.ddp.backward import Expansion, Policy, new_expansion
+from optim.methods.ddp.backward import Expansion, Policy, Trajectory, new_expansion
 from optim.numerics.arrays import Array
 
 STEPS, STEP, WHEELBASE = 500, 0.03, 2.0
@@ -68,23 +68,24 @@ def _roll_out(states, controls, k, gain, step, out, out_u):
 
 
 class CarParking:
-    """`optim.methods.ddp.solver.Model`."""
+    """`optim.methods.ddp.algorithm.Model`."""
 
     def __init__(self, curvature: bool) -> None:
         self.expansion = new_expansion(STEPS, 4, 2, 3 if curvature else 0)
 
-    def initial(self, seed: int = 0) -> tuple[Array, Array]:
+    def initial(self, seed: int = 0) -> Trajectory:
         """Small random controls, as in the source, and their roll-out."""
         controls = 0.1 * np.random.default_rng(seed).standard_normal((STEPS, 2))
         states = np.tile(START, (STEPS + 1, 1))
-        out = np.empty_like(states), np.empty_like(controls)
+        out = Trajectory(np.empty_like(states), np.empty_like(controls))
         _roll_out(states, controls, np.zeros((STEPS, 2)), np.zeros((STEPS, 2, 4)), 0.0, *out)
         return out
 
-    def roll_out(self, states: Array, controls: Array, policy: Policy, step: float, out: tuple[Array, Array]) -> float:
-        return _roll_out(states, controls, policy.k, policy.gain, step, *out)
+    def roll_out(self, now: Trajectory, policy: Policy, step: float, into: Trajectory) -> float:
+        return _roll_out(*now, policy.k, policy.gain, step, *into)
 
-    def expand(self, states: Array, controls: Array, curvature: bool) -> tuple[float, Expansion]:
+    def expand(self, now: Trajectory, curvature: bool) -> tuple[float, Expansion]:
+        states, controls = now
         e, x, (w, a) = self.expansion, states[:-1], controls.T
         d, f, theta = WHEELBASE, STEP * x[:, 3], x[:, 2]
         s, c, ct, st = np.sin(w), np.cos(w), np.cos(theta), np.sin(theta)

@@ -9,8 +9,9 @@ import pytest
 from paths import random_path
 from scenes import random_problem
 
+from optim.methods.ddp.backward import Trajectory
 from optim.methods.ddp.method import Ddp
-from optim.methods.ddp.source import _model
+from optim.methods.ddp.source import source_model
 from optim.model.kinematics import rk4_step
 from optim.model.objective import objective
 from optim.model.path import Path
@@ -164,16 +165,16 @@ def test_the_sources_weights_miss_the_goal_and_the_reason_says_by_how_much():
 
 
 def test_the_sources_formulation_has_exact_derivatives():
-    model, states, controls = _model(random_problem(2, num_blocks=14), 0.5)
+    model, (states, controls) = source_model(random_problem(2, num_blocks=14), 0.5)
     states = states + 0.3 * np.random.default_rng(0).standard_normal(states.shape)
-    _, e = model.expand(states, controls, False)
+    _, e = model.expand(Trajectory(states, controls), False)
     lz, fz, step = e.lz.copy(), e.fz.copy(), 1e-6
     for k, j in [(0, 4), (3, 5), *((k, j) for k in (1, 20, len(controls) - 1) for j in range(6))]:
         ends = []
         for sign in (1.0, -1.0):
             x, u = states.copy(), controls.copy()
             (x if j < 4 else u)[k, j if j < 4 else j - 4] += sign * step
-            cost, found = model.expand(x, u, False)
+            cost, found = model.expand(Trajectory(x, u), False)
             ends.append((cost, found.gap[k].copy()))
         assert (ends[0][0] - ends[1][0]) / (2 * step) == pytest.approx(lz[k, j], abs=1e-5)
         np.testing.assert_allclose((ends[0][1] - ends[1][1]) / (2 * step), fz[k, :, j], atol=1e-7)

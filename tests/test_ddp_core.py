@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from car_parking import LIMITS, START, STEPS, CarParking, advance
 
-from optim.methods.ddp.backward import Expansion, Policy, backward_pass, new_expansion, new_policy
+from optim.methods.ddp.algorithm import InnerOptions, minimise
+from optim.methods.ddp.backward import Expansion, Policy, Trajectory, backward_pass, new_expansion, new_policy
 from optim.methods.ddp.boxqp import AT_HIGH, AT_LOW, FREE, box_qp
-from optim.methods.ddp.solver import End, Settings, minimise
+from optim.model.result import Stop
 
 
 def _linear_quadratic(stages: int, n: int, m: int, seed: int) -> Expansion:
@@ -36,8 +37,8 @@ def _riccati(e: Expansion, n: int) -> list[tuple[np.ndarray, np.ndarray]]:
 
 @pytest.mark.parametrize(("n", "m"), [(6, 2), (5, 2), (4, 3), (1, 1)])
 def test_one_sweep_over_a_linear_quadratic_problem_is_the_riccati_solution(n, m):
-    e, policy, report = _linear_quadratic(60, n, m, seed=n), new_policy(60, n, m), np.zeros(4)
-    assert backward_pass(e, 0.0, False, policy, report) == -1
+    e, policy = _linear_quadratic(60, n, m, seed=n), new_policy(60, n, m)
+    assert backward_pass(e, 0.0, False, policy).failed_stage == -1
     for k, (gain, step) in zip(range(59, -1, -1), _riccati(e, n), strict=True):
         np.testing.assert_allclose(policy.gain[k], gain, rtol=0, atol=1e-10)
         np.testing.assert_allclose(policy.k[k], step, rtol=0, atol=1e-10)
@@ -54,15 +55,16 @@ class _Linear:
         z = np.concatenate([states, np.append(controls, np.zeros((1, controls.shape[1])), axis=0)], axis=1)
         return float((self.lz * z).sum() + 0.5 * np.einsum("ki,kij,kj", z, self.lzz, z))
 
-    def expand(self, states: np.ndarray, controls: np.ndarray, curvature: bool) -> tuple[float, Expansion]:
+    def expand(self, now: Trajectory, curvature: bool) -> tuple[float, Expansion]:
+        states, controls = now
         z = np.concatenate([states, np.append(controls, np.zeros((1, controls.shape[1])), axis=0)], axis=1)
         self.e.lz[:] = self.lz + np.einsum("kij,kj->ki", self.lzz, z)
         miss = np.einsum("kij,kj->ki", self.e.fz, z[:-1]) + self.offset - states[1:]
         self.e.gap[:] = np.where(np.abs(miss) > 1e-12, miss, 0.0)
         return self._cost(states, controls), self.e
 
-    def roll_out(self, states, controls, policy: Policy, step: float, out) -> float:
-        x, u = out
+    def roll_out(self, now: Trajectory, policy: Policy, step: float, into: Trajectory) -> float:
+        (states, controls), (x, u) = now, into
         x[0] = states[0]
         for k in range(len(controls)):
             u[k] = controls[k] + step * policy.k[k] + policy.gain[k] @ (x[k] - states[k])
@@ -73,8 +75,9 @@ class _Linear:
 def test_a_linear_quadratic_problem_with_gaps_is_solved_by_one_full_step():
     rng = np.random.default_rng(5)
     model = _Linear(_linear_quadratic(40, 4, 2, seed=3), rng.standard_normal((40, 4)))
-    found = minimise(model, rng.standard_normal((41, 4)), rng.standard_normal((40, 2)), Settings(gradient=1e-8))
-    assert (found.end, found.iterations) == (End.CONVERGED, 1)
+    start = Trajectory(rng.standard_normal((41, 4)), rng.standard_normal((40, 2)))
+    found = minimise(model, start, InnerOptions(gradient=1e-8))
+    assert (found.stop, found.iterations) == (Stop.CONVERGED, 1)
     assert found.gap == 0.0
 
 
@@ -116,8 +119,8 @@ def test_a_control_held_by_a_bound_follows_it_when_the_state_moves():
     e.fz[0, 0, 2], e.lzz[:, range(3), range(3)] = 1.0, 1.0
     e.lz[0, 2] = -10.0  # pushes up
     e.high[0, 0], e.high_x[0, 0] = 0.5, (0.3, -0.2)
-    policy, report = new_policy(1, 2, 1), np.zeros(4)
-    assert backward_pass(e, 0.0, False, policy, report) == -1
+    policy = new_policy(1, 2, 1)
+    assert backward_pass(e, 0.0, False, policy).failed_stage == -1
     assert policy.k[0, 0] == 0.5
     np.testing.assert_array_equal(policy.gain[0, 0], [0.3, -0.2])
 
@@ -125,9 +128,9 @@ def test_a_control_held_by_a_bound_follows_it_when_the_state_moves():
 def test_a_stage_without_curvature_is_named_and_helped_by_regularisation():
     e = new_expansion(3, 1, 1)
     e.fz[:, 0, :], e.lz[1, 1] = 1.0, 1.0
-    policy, report = new_policy(3, 1, 1), np.zeros(4)
-    assert backward_pass(e, 0.0, False, policy, report) == 2
-    assert backward_pass(e, 1.0, False, policy, report) == -1
+    policy = new_policy(3, 1, 1)
+    assert backward_pass(e, 0.0, False, policy).failed_stage == 2
+    assert backward_pass(e, 1.0, False, policy).failed_stage == -1
 
 
 @pytest.mark.parametrize("curvature", [False, True])
@@ -136,7 +139,7 @@ def test_the_cars_derivatives_agree_with_finite_differences(curvature):
     states, controls = model.initial()
     states = states + rng.uniform(-0.5, 0.5, states.shape)
     states[:, 3] += 3.0 * rng.standard_normal(len(states))
-    _, e = model.expand(states, controls, curvature)
+    _, e = model.expand(Trajectory(states, controls), curvature)
     fz, fzz, gap = e.fz.copy(), e.fzz.copy(), np.empty((STEPS, 4))
     step = 1e-6
     out = np.empty(4)
@@ -148,7 +151,7 @@ def test_the_cars_derivatives_agree_with_finite_differences(curvature):
             for k in range(STEPS):
                 advance(x[k], u[k, 0], u[k, 1], out)
                 gap[k] = out
-            ends.append((gap.copy(), model.expand(x, u, curvature)[1].fz.copy()))
+            ends.append((gap.copy(), model.expand(Trajectory(x, u), curvature)[1].fz.copy()))
         np.testing.assert_allclose((ends[0][0] - ends[1][0]) / (2 * step), fz[:, :, j], atol=1e-8)
         if curvature:
             np.testing.assert_allclose((ends[0][1] - ends[1][1])[:, :3] / (2 * step), fzz[:, :, :, j], atol=1e-7)
@@ -157,11 +160,11 @@ def test_the_cars_derivatives_agree_with_finite_differences(curvature):
 @pytest.mark.parametrize("curvature", [False, True])
 def test_tassas_car_is_parked_within_its_limits(curvature):
     model = CarParking(curvature)
-    settings = Settings(iterations=500, curvature=curvature, gradient=1e-5, first_regularisation=1.0)
-    found = minimise(model, *model.initial(), settings)
-    assert found.end is End.CONVERGED
+    options = InnerOptions(iterations=500, curvature=curvature, gradient=1e-5, first_regularisation=1.0)
+    found = minimise(model, model.initial(), options)
+    assert found.stop is Stop.CONVERGED
     # 1.905167 from this start; pycddp's interior point solvers end at 1.9052 and 1.9067 (tools/bench/ddp.py)
     assert found.cost == pytest.approx(1.90517, abs=1e-4)
-    np.testing.assert_array_equal(found.states[0], START)
-    assert (np.abs(found.controls) <= LIMITS).all()
-    assert np.abs(found.states[-1]).max() <= 0.03
+    np.testing.assert_array_equal(found.trajectory.states[0], START)
+    assert (np.abs(found.trajectory.controls) <= LIMITS).all()
+    assert np.abs(found.trajectory.states[-1]).max() <= 0.03

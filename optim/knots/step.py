@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64
 from optim.numerics.kernel import kernel
 
 VARIABLES = 5
@@ -17,15 +17,15 @@ VARIABLES = 5
 
 
 class StepJet(NamedTuple):
-    """Change of (x, y, theta, alpha) over a step, and its derivatives by z = (theta, alpha, phi0, phi1, h). Writable."""
+    """Change of (x, y, theta, alpha) over a step and its derivatives by (theta, alpha, phi0, phi1, h). Writable."""
 
-    value: Array
+    value: Float64[Array, " 4"]
     """Shape (4,)."""
-    gradient: Array
+    gradient: Float64[Array, "4 5"]
     """Shape (4, 5)."""
-    hessian: Array
+    hessian: Float64[Array, "4 5 5"]
     """Symmetric. Shape (4, 5, 5)."""
-    slopes: Array
+    slopes: Float64[Array, "6 6 5"]
     """Work space: those of one stage. Shape (6, 6, 5), as (quantity, gradient and Hessian rows, z)."""
 
 

@@ -25,7 +25,7 @@ from optim.model.kinematics import rk4
 from optim.model.objective import Weights
 from optim.model.path import Path, Segment, sample_segment, segment_from_states
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
+from optim.numerics.arrays import Array, Float64, Int64, IntArray, frozen, frozen_int
 from optim.numerics.kernel import kernel
 
 FEWEST = 4
@@ -44,13 +44,13 @@ LARGEST_SPACING = 0.1
 class Knots:
     """K knots and the K - 1 intervals between them; all arrays read-only."""
 
-    states: Array
+    states: Float64[Array, "K 4"]
     """Columns x, y, theta, alpha. Shape (K, 4)."""
-    phi: Array
+    phi: Float64[Array, " K"]
     """Steering angle [rad]. Shape (K,)."""
-    h: Array
+    h: Float64[Array, " K-1"]
     """Step lengths [m], 0 in a gear change. Shape (K - 1,)."""
-    gear: IntArray
+    gear: Int64[IntArray, " K-1"]
     """+1, -1, or 0 in a gear change. Shape (K - 1,)."""
 
     def __post_init__(self) -> None:

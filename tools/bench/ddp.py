@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from optim.methods.ddp.algorithm import InnerOptions, minimise
 from optim.methods.ddp.backward import backward_pass, new_expansion, new_policy
 from optim.methods.ddp.method import Ddp
-from optim.methods.ddp.solver import Settings, minimise
 from optim.model.objective import objective
 from replay.base.kernels import drop_stale
 from replay.logs import read_cases
@@ -39,10 +39,10 @@ def linear_quadratic() -> None:
     rng = np.random.default_rng(0)
     a, b = np.eye(N) + 0.1 * rng.standard_normal((N, N)), rng.standard_normal((N, M))
     q, r = np.eye(N), np.eye(M)
-    e, policy, report = new_expansion(STAGES, N, M), new_policy(STAGES, N, M), np.zeros(4)
+    e, policy = new_expansion(STAGES, N, M), new_policy(STAGES, N, M)
     e.fz[:, :, :N], e.fz[:, :, N:], e.lzz[:, :N, :N], e.lzz[:, N:, N:] = a, b, q, r
-    backward_pass(e, 0.0, False, policy, report)
-    ours = least(lambda: backward_pass(e, 0.0, False, policy, report), 500, time.perf_counter)
+    backward_pass(e, 0.0, False, policy)
+    ours = least(lambda: backward_pass(e, 0.0, False, policy), 500, time.perf_counter)
     print(f"backward pass, {STAGES} stages, {N} states, {M} controls: optim.ddp {1e6 * ours / STAGES:.2f} us a stage")
     try:
         crocoddyl: Any = importlib.import_module("crocoddyl")
@@ -68,11 +68,11 @@ def car_parking() -> None:
 
     print("\ncar parking, T = 500 (Tassa, Mansard, Todorov 2014):")
     for curvature in (False, True):
-        settings = Settings(iterations=500, curvature=curvature, gradient=1e-5, first_regularisation=1.0)
+        options = InnerOptions(iterations=500, curvature=curvature, gradient=1e-5, first_regularisation=1.0)
         model = car.CarParking(curvature)
-        states, controls = model.initial()
-        found = minimise(model, states, controls, settings)
-        again = functools.partial(minimise, model, states, controls, settings)
+        start = model.initial()
+        found = minimise(model, start, options)
+        again = functools.partial(minimise, model, start, options)
         seconds = least(again, 3, time.perf_counter)
         name = "full DDP" if curvature else "iLQR"
         print(f"  optim.ddp {name}: cost {found.cost:.6f}, {found.iterations} iterations, {seconds:.2f} s")

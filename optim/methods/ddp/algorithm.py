@@ -30,7 +30,7 @@ FALLEN, GROWTH = 0.25, 4.0
 """Where an update leaves more than this share of a residual, its penalty grows by this factor."""
 _MOST_PENALTY = PerConstraint(goal=1e7, hitch=1e6, clearance=1e6)  # growth ends here; a schedule may begin higher
 _PATIENCE = 3  # updates within which the worst residual must halve
-_NONE_YET = PerConstraint(np.inf, np.inf, np.inf)
+_NONE_YET = Residuals(PerConstraint(np.inf, np.inf, np.inf), PerConstraint(np.inf, np.inf, np.inf))
 _LARGEST_GAP = 1e-9  # of a trajectory that counts as converged, in units of the states: rounding
 _LEAST_REGULARISATION, _MOST_REGULARISATION = 1e-4, 1e10  # below the first it is 0, beyond the second all is lost
 _LEAST_STEP = 0.2  # where none down to this is good enough, regularisation grows instead
@@ -100,7 +100,7 @@ class Descent:
     """Largest projected gradient."""
     gap: float = np.inf
     """Largest gap between two stages [m or rad]."""
-    residuals: Residuals = Residuals(_NONE_YET, _NONE_YET)
+    residuals: Residuals = _NONE_YET
     stop: Stop = Stop.ITERATION_LIMIT
 
     @property

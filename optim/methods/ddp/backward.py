@@ -22,47 +22,47 @@ from typing import NamedTuple
 import numpy as np
 
 from optim.methods.ddp.boxqp import AT_LOW, FREE, box_qp, solve_factored
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64
 from optim.numerics.kernel import kernel
 
 
 class Trajectory(NamedTuple):
     """States and controls along N stages."""
 
-    states: Array
+    states: Float64[Array, "S n"]
     """Shape (N + 1, n)."""
-    controls: Array
+    controls: Float64[Array, "S-1 m"]
     """Shape (N, m)."""
 
 
 class Expansion(NamedTuple):
     """Derivatives by z = (x, u) along N stages with n states and m controls. Writable; a model fills them."""
 
-    fz: Array
+    fz: Float64[Array, "N n n+m"]
     """Of f. Shape (N, n, n + m)."""
-    fzz: Array
+    fzz: Float64[Array, "N _ n+m n+m"]
     """Second ones of the first r components of f, the others being linear; r = 0 for Gauss-Newton (iLQR). Shape
     (N, r, n + m, n + m)."""
-    gap: Array
+    gap: Float64[Array, "N n"]
     """f(x, u) - next x. Shape (N, n)."""
-    lz: Array
+    lz: Float64[Array, "N+1 n+m"]
     """Of l; the last row is the terminal cost's, 0 by u. Shape (N + 1, n + m)."""
-    lzz: Array
+    lzz: Float64[Array, "N+1 n+m n+m"]
     """Only the lower triangle is read. Shape (N + 1, n + m, n + m)."""
-    bend: Array
+    bend: Float64[Array, "_ n n"]
     """The part of l_xx that only counts with full second derivatives, since it may be negative; none where r = 0.
     Shape (N + 1, n, n)."""
-    metric: Array
+    metric: Float64[Array, "N+1 n n"]
     """What one unit of regularisation adds to l_xx. Shape (N + 1, n, n)."""
-    control_metric: Array
+    control_metric: Float64[Array, " m"]
     """And to the diagonal of l_uu. Shape (m,)."""
-    low: Array
+    low: Float64[Array, "N m"]
     """Bounds of du. Shape (N, m)."""
-    high: Array
+    high: Float64[Array, "N m"]
     """Shape (N, m)."""
-    low_x: Array
+    low_x: Float64[Array, "_ m n"]
     """Their derivatives by the state; shape (N, m, n), or (0, m, n) for constant bounds."""
-    high_x: Array
+    high_x: Float64[Array, "_ m n"]
     """As `low_x`."""
     sizes: tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]
     """Tuples of n, of m and of (n + m + 3) // 4 entries: the compiler knows their lengths, so that loops unroll (twice
@@ -72,9 +72,9 @@ class Expansion(NamedTuple):
 class Policy(NamedTuple):
     """Feedback of a backward pass: du = k + K dx. Writable."""
 
-    k: Array
+    k: Float64[Array, "N m"]
     """Shape (N, m)."""
-    gain: Array
+    gain: Float64[Array, "N m n"]
     """K. Shape (N, m, n)."""
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from optim.geometry.collision import rectangle
 from optim.geometry.polygons import PackedScene
 from optim.methods.ddp.features import OTHER, POINT, SIDE, contact_of
-from optim.numerics.arrays import Array, IntArray
+from optim.numerics.arrays import Array, Float64, Int64, IntArray
 from optim.numerics.kernel import kernel
 
 NEAREST = 0.01
@@ -44,15 +44,15 @@ class Residuals(NamedTuple):
 class ClearanceRows(NamedTuple):
     """Features of bodies and polygons that are near each other (`optim.methods.ddp.features`), ordered by knot."""
 
-    first: IntArray
+    first: Int64[IntArray, " _"]
     """Knot k owns the rows first[k] to first[k + 1] - 1. Shape (N + 2,)."""
-    body: IntArray
+    body: Int64[IntArray, " R"]
     """0 the truck, 1 the trailer. Shape (R,)."""
-    polygon: IntArray
+    polygon: Int64[IntArray, " R"]
     """Shape (R,)."""
-    feature: IntArray
+    feature: Int64[IntArray, " R"]
     """Shape (R,)."""
-    multiplier: Array
+    multiplier: Float64[Array, " R"]
     """Shape (R,)."""
 
 
@@ -61,22 +61,22 @@ class Lagrangian(NamedTuple):
 
     penalty: PerConstraint
     """rho [1/m^2, 1/rad^2]."""
-    goal: Array
+    goal: Float64[Array, " 4"]
     """Shape (4,)."""
-    goal_multiplier: Array
+    goal_multiplier: Float64[Array, " 4"]
     """Shape (4,)."""
     max_hitch: float
     """Largest hitch angle [rad]."""
-    hitch_multiplier: Array
+    hitch_multiplier: Float64[Array, "S 2"]
     """Of alpha <= limit and -alpha <= limit at each knot. Shape (N + 1, 2)."""
-    required: Array
+    required: Float64[Array, "S 2"]
     """Clearance of truck and trailer at each knot [m]. Shape (N + 1, 2)."""
 
 
 class Bodies(NamedTuple):
     """Truck and trailer."""
 
-    footprints: Array
+    footprints: Float64[Array, "2 3"]
     """As `Vehicle.footprints`."""
     hitch_offset: float
     """M [m]."""

@@ -29,7 +29,7 @@ from optim.model.path import Path, Segment, roll_out_segment
 from optim.model.problem import Problem, path_clearance
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.model.vehicle import body_corners, body_poses
-from optim.numerics.arrays import Array, IntArray
+from optim.numerics.arrays import Array, Float64, Int64, IntArray
 
 W_A, W_B, W_C, W_D = np.array([1.0, 0.3]), np.ones(4), np.ones(4), 1e-5
 DISTANCE = 1.0
@@ -49,9 +49,9 @@ class SourceModel:
     """A `Model` of `optim.methods.ddp.algorithm`: the source's formulation, N steps."""
 
     problem: Problem
-    gear: IntArray
+    gear: Int64[IntArray, " N"]
     """Shape (N,)."""
-    reference: Array
+    reference: Float64[Array, "N+1 4"]
     """Shape (N + 1, 4)."""
     field: DistanceField
     expansion: Expansion

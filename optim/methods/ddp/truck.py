@@ -22,7 +22,7 @@ import numpy as np
 from optim.knots.step import VARIABLES, empty_jet, step_jet
 from optim.methods.ddp.constraints import knot_terms
 from optim.model.kinematics import rk4
-from optim.numerics.arrays import Array
+from optim.numerics.arrays import Array, Float64
 from optim.numerics.kernel import kernel
 
 STATES, CONTROLS, CURVED = 6, 2, 4
@@ -47,17 +47,17 @@ class StageWeights(NamedTuple):
 class Stages(NamedTuple):
     """What is driven at each of the N stages."""
 
-    gear: Array
+    gear: Float64[Array, " N"]
     """+1, -1, or 0 for standing. Shape (N,)."""
-    share: Array
+    share: Float64[Array, " N"]
     """Step length as a share of the segment's length; 0 for standing. Shape (N,)."""
-    jump: Array
+    jump: Float64[Array, " N"]
     """Weight of the squared jump of phi at standing stages [1/rad^2]. Shape (N,)."""
-    shortest: Array
+    shortest: Float64[Array, " N"]
     """Least length that a standing stage may choose [m]. Shape (N,)."""
-    longest: Array
+    longest: Float64[Array, " N"]
     """Largest one. Shape (N,)."""
-    toll: Array
+    toll: Float64[Array, " N"]
     """Added to the weight of length at driving stages [1/m]; to press a segment out of the path. Shape (N,)."""
     weights: StageWeights
     max_steer: float

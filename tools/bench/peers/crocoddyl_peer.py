@@ -15,10 +15,12 @@ from typing import Any, cast
 
 import numpy as np
 
+from optim.knots.between import required_at_knots
 from optim.knots.transcription import Knots, knots_of, objective_of
-from optim.methods.ddp.augmented import FALLEN, GROWTH, Descent, Plan, descend, start_descent
+from optim.methods.ddp.algorithm import Descent, PenaltySchedule, descend, start_descent
+from optim.methods.ddp.constraints import PerConstraint
 from optim.methods.ddp.model import TruckModel, knots_from
-from optim.methods.ddp.search import required_clearance
+from optim.methods.ddp.search import ROOM
 from optim.model.problem import Problem
 from optim.numerics.arrays import Array, IntArray
 from tools.bench.peers.common import SPACING
@@ -26,20 +28,20 @@ from tools.bench.peers.crocoddyl_build import Shooting
 from tools.bench.peers.stage_kernels import stage_slopes, stage_value
 from tools.bench.peers.stage_pointers import new_table, write
 
-PLAN = Plan(
+SCHEDULE = PenaltySchedule(
     spacing=SPACING,
-    penalties=(1000.0, 10.0, 10.0),
+    penalties=PerConstraint(goal=1000.0, hitch=10.0, clearance=10.0),
     rounds=10,
     iterations=40,
     gradient=1e-2,
-    tolerances=(2e-4, 1e-3, 1e-3),
+    tolerances=PerConstraint(goal=2e-4, hitch=1e-3, clearance=1e-3),
     reach=1.0,
 )
 """That of our first descent, but at the fine knots."""
 REACH = 3.0
 """Obstacles nearer than this [m] are in crocoddyl's list: unlike ours it may take long steps between two lists."""
 STOP = 1e-6
-"""crocoddyl's tolerance on the decrease that is still expected; ours is on the projected gradient, see `PLAN`."""
+"""crocoddyl's tolerance on the decrease that is still expected; ours is on the projected gradient, see `SCHEDULE`."""
 
 
 @dataclass(kw_only=True)
@@ -67,12 +69,11 @@ class Shared:
 
     def place(self) -> tuple[Any, ...]:
         model = self.model
-        scene, footprints = model.problem.scene.packed, model.problem.vehicle.footprints
-        return model.stages, scene, footprints, model.rows, model.lagrangian, model.expansion, self.steer, self.states
+        return model.stages, model.constraints, model.expansion, self.steer, self.states
 
 
 def ours(problem: Problem, curvature: bool = False) -> Outcome:
-    """Our own descent with this plan."""
+    """Our own descent with this schedule."""
     knots = knots_of(problem.vehicle, problem.recorded, SPACING)
     began, steps = time.process_time(), 0
 
@@ -80,12 +81,12 @@ def ours(problem: Problem, curvature: bool = False) -> Outcome:
         nonlocal steps
         steps += 1
 
-    plan = replace(PLAN, curvature=curvature)
-    descent = start_descent(problem, knots, required_clearance(problem, knots), plan)
-    descend(descent, plan, count)
+    schedule = replace(SCHEDULE, curvature=curvature)
+    descent = start_descent(problem, knots, required_at_knots(problem, knots, ROOM), schedule)
+    descend(descent, schedule, count)
     seconds = time.process_time() - began
     return Outcome(
-        objective=descent.value,
+        objective=descent.objective,
         residuals=descent.residuals.violation,
         iterations=steps,
         seconds=seconds,
@@ -97,34 +98,31 @@ def theirs(problem: Problem, compiled: bool = False) -> Outcome:
     """crocoddyl's BoxFDDP in our outer iteration; `compiled`: with a model in C++ instead of Python."""
     knots = knots_of(problem.vehicle, problem.recorded, SPACING)
     began, iterations = time.process_time(), 0
-    start = start_descent(problem, knots, required_clearance(problem, knots), replace(PLAN, reach=REACH))
-    model, states = start.model, start.states
+    start = start_descent(problem, knots, required_at_knots(problem, knots, ROOM), replace(SCHEDULE, reach=REACH))
+    model, (states, controls) = start.model, start.trajectory
     shared = Shared(model, np.zeros((len(states), 2)), states.copy())
-    controls = _controls(model, states, start.controls)
+    controls = _controls(model, states, controls)
     solver = _Compiled(shared) if compiled else _Interpreted(shared)
-    scalars, before, over = model.lagrangian.scalars, (np.inf,) * 3, np.inf
-    for number in range(PLAN.rounds):
-        model.refresh(states)
-        tolerance = STOP if number + 1 == PLAN.rounds else max(STOP, 10.0 ** (-2 - 2 * number))
+    before, over = PerConstraint(np.inf, np.inf, np.inf), np.inf
+    for number in range(SCHEDULE.rounds):
+        model.list_rows(states)
+        tolerance = STOP if number + 1 == SCHEDULE.rounds else max(STOP, 10.0 ** (-2 - 2 * number))
         states, controls, count, stop = solver.solve(states, controls, tolerance, 1.0 if number == 0 else 1e-9)
         iterations += count
         over = _update_steering(shared, states)
-        residuals = model.residuals(states, update=True)
-        now = residuals.complementary
-        now = (now[0], max(now[1], over), now[2])
-        if all(value <= limit for value, limit in zip(now, PLAN.tolerances, strict=True)) and stop <= STOP:
+        now = model.update_multipliers(states).complementary
+        now = now._replace(hitch=max(now.hitch, over))
+        if all(value <= limit for value, limit in zip(now, SCHEDULE.tolerances, strict=True)) and stop <= STOP:
             break
-        for i in range(3):
-            if now[i] > max(FALLEN * before[i], PLAN.tolerances[i]):
-                scalars[i] *= GROWTH
+        model.set_penalty(SCHEDULE.raised(model.lagrangian.penalty, now, before))
         before = now
     solver.close()
     seconds = time.process_time() - began
     ended = knots_from(states, knots)
-    violation = model.residuals(states, update=False).violation
+    violation = model.residuals(states).violation
     return Outcome(
         objective=objective_of(ended, problem.weights),
-        residuals=(violation[0], max(violation[1], over), violation[2]),
+        residuals=(violation.goal, max(violation.hitch, over), violation.clearance),
         iterations=iterations,
         seconds=seconds,
         knots=ended,
@@ -152,7 +150,7 @@ class _Interpreted:
         """States, controls, iterations, stopping value."""
         solver = self._crocoddyl.SolverBoxFDDP(self._shooting)
         solver.th_stop = tolerance
-        solver.solve(list(states), list(controls), PLAN.iterations, False, regularisation)
+        solver.solve(list(states), list(controls), SCHEDULE.iterations, False, regularisation)
         return np.array(list(solver.xs)), np.array(list(solver.us)), int(solver.iter), float(solver.stop)
 
     def close(self) -> None:
@@ -163,15 +161,16 @@ class _Compiled:
     """The same solver round a model in C++ that calls our kernels by their addresses."""
 
     def __init__(self, shared: Shared) -> None:
-        self._shared, self._table = shared, new_table(shared.place())
+        self._shared, (self._table, self._numbers) = shared, new_table()
+        write(shared.place(), self._table, self._numbers)
         self._shooting = Shooting(self._table, shared.states[0], _idle(shared.model), *_boxes(shared.model))
 
     def solve(
         self, states: Array, controls: Array, tolerance: float, regularisation: float
     ) -> tuple[Array, Array, int, float]:
         """States, controls, iterations, stopping value."""
-        write(self._shared.place(), self._table)
-        return self._shooting.solve(states, controls, tolerance, PLAN.iterations, regularisation)
+        write(self._shared.place(), self._table, self._numbers)
+        return self._shooting.solve(states, controls, tolerance, SCHEDULE.iterations, regularisation)
 
     def close(self) -> None:
         self._shooting.close()
@@ -189,7 +188,7 @@ def _idle(model: TruckModel) -> IntArray:
 def _boxes(model: TruckModel) -> tuple[Array, Array]:
     """Bounds of the controls, low and high. Shape (N, 2) each."""
     st, rests = model.stages, model.stages.gear == 0.0
-    steer = np.where(rests, st.limits[0], 1.0)
+    steer = np.where(rests, st.max_steer, 1.0)
     low, high = np.where(rests, st.shortest, -1.0), np.where(rests, st.longest, 1.0)
     return np.stack([-steer, low], axis=1), np.stack([steer, high], axis=1)
 
@@ -198,14 +197,14 @@ def _controls(model: TruckModel, states: Array, controls: Array) -> Array:
     """Our controls as w."""
     out, st = controls.copy(), model.stages
     drives = st.gear != 0.0
-    reach = st.limits[1] * st.share[drives] * states[:-1][drives, 5]
+    reach = st.max_steer_rate * st.share[drives] * states[:-1][drives, 5]
     out[drives, 0] = np.clip((controls[drives, 0] - states[:-1][drives, 4]) / reach, -1.0, 1.0)
     return out
 
 
 def _update_steering(shared: Shared, states: Array) -> float:
     """Multipliers of |phi| <= max_steer; the largest residual."""
-    penalty, limit = shared.model.lagrangian.scalars[1], shared.model.stages.limits[0]
+    penalty, limit = shared.model.lagrangian.penalty.hitch, shared.model.stages.max_steer
     excess = np.stack([states[:, 4] - limit, -states[:, 4] - limit], axis=1)
     worst = float(np.abs(np.maximum(excess, -shared.steer / penalty)).max())
     shared.steer[:] = np.maximum(0.0, shared.steer + penalty * excess)

@@ -8,7 +8,7 @@ becomes one more term of the augmented Lagrangian. Everything else is the same a
 import numpy as np
 from numba import njit
 
-from optim.knots.step import VARIABLES, step_jet
+from optim.knots.step import empty_jet, step_jet
 from optim.methods.ddp.constraints import knot_terms
 from optim.methods.ddp.truck import CONTROLS, STATES, _drive_cost, _drive_dynamics, _next_state, _stage_cost
 
@@ -29,28 +29,30 @@ def _steer_term(limit, penalty, multiplier, k, phi, gradient):
 
 
 @njit(cache=True)
-def stage_value(st, scene, footprints, rows, lagrangian, e, steer, states, k, w, out):
+def stage_value(st, constraints, e, steer, states, k, w, out):
     """Cost of stage k at states[k] and control w, the next state into out (6,); behind the last stage its cost."""
     x, spare = states[k], np.empty(2)
-    total = knot_terms(scene, footprints, st.kinematics[2], rows, lagrangian, states, k, 0, e)
-    total += _steer_term(st.limits[0], lagrangian.scalars[1], steer, k, x[4], spare)
+    scene, bodies, rows, lagrangian = constraints
+    total = knot_terms(scene, bodies, rows, lagrangian, states, k, 0, e)
+    total += _steer_term(st.max_steer, lagrangian.penalty.hitch, steer, k, x[4], spare)
     if k == st.gear.size:
         return total
     if st.gear[k] == 0.0:
         u0, u1 = w[0], w[1]
     else:
-        u0, u1 = x[4] + w[0] * st.limits[1] * st.share[k] * x[5], 0.0
+        u0, u1 = x[4] + w[0] * st.max_steer_rate * st.share[k] * x[5], 0.0
     _next_state(st, k, x, u0, u1, out)
     return total + _stage_cost(st, k, x, u0)
 
 
 @njit(cache=True)
-def stage_slopes(st, scene, footprints, rows, lagrangian, e, steer, states, k, w, fz, lz, lzz):
+def stage_slopes(st, constraints, e, steer, states, k, w, fz, lz, lzz):
     """Derivatives by (x, w): fz (6, 8), lz (8,), lzz (8, 8)."""
     x, spare = states[k], np.empty(2)
+    scene, bodies, rows, lagrangian = constraints
     e.lz[k], e.lzz[k], e.metric[k] = 0.0, 0.0, 0.0
-    knot_terms(scene, footprints, st.kinematics[2], rows, lagrangian, states, k, 1, e)
-    _steer_term(st.limits[0], lagrangian.scalars[1], steer, k, x[4], spare)
+    knot_terms(scene, bodies, rows, lagrangian, states, k, 1, e)
+    _steer_term(st.max_steer, lagrangian.penalty.hitch, steer, k, x[4], spare)
     e.lz[k, 4] += spare[0]
     e.lzz[k, 4, 4] += spare[1]
     bend, reach, u0 = 0.0, 0.0, 0.0
@@ -70,14 +72,11 @@ def stage_slopes(st, scene, footprints, rows, lagrangian, e, steer, states, k, w
             e.lzz[k, 7, 7] = 1e-6
         else:
             share = st.share[k]
-            reach = st.limits[1] * share
+            reach = st.max_steer_rate * share
             u0 = x[4] + w[0] * reach * x[5]
-            value, gradient = np.empty(4), np.empty((4, VARIABLES))
-            hessian, jet = np.empty((4, VARIABLES, VARIABLES)), np.empty((6, 6, VARIABLES))
-            kinematics = (st.kinematics[0], st.kinematics[1], st.kinematics[2])
-            h = share * x[5]
-            step_jet(x[2], x[3], x[4], u0, h, st.gear[k], kinematics, False, value, gradient, hessian, jet)
-            _drive_dynamics(e, k, share, gradient, hessian, False)
+            jet = empty_jet()
+            step_jet((x[2], x[3], x[4], u0, share * x[5]), st.gear[k], st.kinematics, False, jet)
+            _drive_dynamics(e, k, share, jet, False)
             _drive_cost(st, e, k, share, x, u0)
             bend = e.lz[k, 6] * reach
     _change_control(e, k, st.gear.size, x, w, reach, bend, fz, lz, lzz)
