@@ -11,7 +11,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Iterator
 from multiprocessing.connection import Connection
 from typing import IO, Any, Self
 
@@ -173,43 +173,51 @@ def run_here(jobs: Iterable[Job], num_workers: int) -> Generator[Outcome]:
     exception in whoever reads it, ends all workers. Raises what a job's bookkeeping raises (OSError where results
     cannot be written).
     """
-    waiting = iter(jobs)
-    taking = threading.Lock()
     stop = threading.Event()
-    done: queue.SimpleQueue[Outcome | BaseException | None] = queue.SimpleQueue()
-
-    def serve() -> None:
-        try:
-            with Supervisor(stop) as supervisor:
-                while not stop.is_set():
-                    with taking:
-                        job = next(waiting, None)
-                    if job is None:
-                        break
-                    done.put(supervisor.run(job))
-        except Stopped:
-            pass
-        except BaseException as error:
-            done.put(error)
-        done.put(None)
-
-    threads = [threading.Thread(target=serve, daemon=True) for _ in range(num_workers)]
+    done: _Done = queue.SimpleQueue()
+    shared = (iter(jobs), threading.Lock(), stop, done)
+    threads = [threading.Thread(target=_serve, args=shared, daemon=True) for _ in range(num_workers)]
     for thread in threads:
         thread.start()
     try:
-        num_busy = num_workers
-        while num_busy:
-            try:
-                outcome = done.get(timeout=_QUEUE_S)  # with a timeout, so that Ctrl-C is noticed
-            except queue.Empty:
-                continue
-            if isinstance(outcome, BaseException):
-                raise outcome
-            if outcome is None:
-                num_busy -= 1
-            else:
-                yield outcome
+        yield from _outcomes(done, num_workers)
     finally:
         stop.set()
         for thread in threads:
             thread.join()
+
+
+_Done = queue.SimpleQueue[Outcome | BaseException | None]
+"""What the threads have to say: an outcome, an error that ends the run, or None at a thread's end."""
+
+
+def _serve(waiting: Iterator[Job], taking: threading.Lock, stop: threading.Event, done: _Done) -> None:
+    """A thread: take jobs and have them done in one worker, until there are none left."""
+    try:
+        with Supervisor(stop) as supervisor:
+            while not stop.is_set():
+                with taking:
+                    job = next(waiting, None)
+                if job is None:
+                    break
+                done.put(supervisor.run(job))
+    except Stopped:
+        pass
+    except BaseException as error:
+        done.put(error)
+    done.put(None)
+
+
+def _outcomes(done: _Done, num_busy: int) -> Generator[Outcome]:
+    """Outcomes until every thread has ended. Raises what a thread raised."""
+    while num_busy:
+        try:
+            outcome = done.get(timeout=_QUEUE_S)  # with a timeout, so that Ctrl-C is noticed
+        except queue.Empty:
+            continue
+        if isinstance(outcome, BaseException):
+            raise outcome
+        if outcome is None:
+            num_busy -= 1
+        else:
+            yield outcome

@@ -12,7 +12,7 @@ vanishes, and slower where it does not), the weight w grows while the violation 
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal
 
@@ -90,6 +90,18 @@ class Scp:
         return Convexification(problem, self)
 
 
+@dataclass(kw_only=True)
+class _Search:
+    """Where the iterations from one set of knots stand."""
+
+    point: Point
+    penalty: Penalty
+    trust: TrustRegion = field(default_factory=TrustRegion)
+    patience: Patience = field(default_factory=Patience)
+    failure: str = ""
+    """The solver's word on the last sub-problem that it did not solve."""
+
+
 class Convexification:
     """Successive convexification of one problem from given knots, an `optim.knots.rounds.KnotOptimizer`."""
 
@@ -103,52 +115,76 @@ class Convexification:
 
     def __call__(self, knots: Knots, required: Array, announce: Announce) -> KnotSolution:
         """Iterate from these knots until converged, stuck or out of time; `required` (K, 2) [m] as in `improve`."""
-        options = self.options
-        shortest, longest = (share * options.spacing for share in STEP_RANGE)
+        shortest, longest = (share * self.options.spacing for share in STEP_RANGE)
         limits = KnotLimits(required=required, shortest=shortest, longest=longest)
-        point, penalty = self._evaluate(knots, limits), self._first_penalty(knots)
-        trust, patience, self._sound, self._near = TrustRegion(), Patience(), None, None
-        for iteration in range(1, options.max_iterations + 1):
-            near = self._linearise(point, penalty, limits, trust)
-            step = self._solve(near, limits, penalty, trust.radius)
-            if step.status != "optimal":
-                if self.solver_s >= options.time_limit:
-                    return self._end(point, penalty, Stop.TIME_LIMIT, iteration)
-                trust.shrink()
-                if trust.is_exhausted:
-                    return self._end(point, penalty, Stop.FAILED, iteration, f"the solver says: {step.status}")
-                continue
-            predicted = point.merit(penalty) - modelled_merit(near, step, penalty)
-            trial = self._corrected(point, near, step, limits, penalty)
-            actual = point.merit(penalty) - trial.merit(penalty)
-            accepted = actual > 0.0 and actual >= ACCEPT_ABOVE * predicted
-            optimality = self._optimality(point, predicted, actual, step.size)
-            announce(trial.knots, self._iterate(trial, optimality, step, accepted, trust.radius))
-            if accepted:
-                before, point = point.violation, trial
-                penalty = self._updated(penalty, step, point, before)
-                self._remember(point)
-                if point.violation <= _NEARLY and _has_vanished(point.knots, VANISHED * options.spacing):
-                    return self._end(point, penalty, Stop.CONVERGED, iteration)
-            if point.violation <= options.feasibility:
-                if optimality <= 1.0:
-                    return self._end(point, penalty, Stop.CONVERGED, iteration)
-            elif optimality <= 1.0:
-                polished = self._polished(point, near, limits)
-                if polished.violation <= options.feasibility:
-                    announce(polished.knots, self._iterate(polished, optimality, None, True, trust.radius))
-                    return self._end(polished, penalty, Stop.CONVERGED, iteration)
-                if penalty.weight >= LARGEST_WEIGHT:
-                    return self._end(point, penalty, Stop.INFEASIBLE, iteration)
-                penalty = replace(penalty, weight=min(10.0 * penalty.weight, LARGEST_WEIGHT))
-            elif patience.is_over(point.violation, penalty.weight):
-                return self._end(point, penalty, Stop.INFEASIBLE, iteration)
-            trust.update(actual / predicted if predicted > 0.0 else 1.0, step.reach / options.trust_region)
-            if trust.is_exhausted:
-                return self._end(point, penalty, Stop.STALLED, iteration)
-            if self.solver_s >= options.time_limit:
-                return self._end(point, penalty, Stop.TIME_LIMIT, iteration)
-        return self._end(point, penalty, Stop.ITERATION_LIMIT, options.max_iterations)
+        self._sound, self._near = None, None
+        search = _Search(point=self._evaluate(knots, limits), penalty=self._first_penalty(knots))
+        for iteration in range(1, self.options.max_iterations + 1):
+            stop = self._iteration(search, limits, announce)
+            if stop is None and self._is_out_of_time:
+                stop = Stop.TIME_LIMIT
+            if stop is not None:
+                return self._end(search, stop, iteration)
+        return self._end(search, Stop.ITERATION_LIMIT, self.options.max_iterations)
+
+    @property
+    def _is_out_of_time(self) -> bool:
+        return self.solver_s >= self.options.time_limit
+
+    def _iteration(self, search: "_Search", limits: KnotLimits, announce: Announce) -> Stop | None:
+        """Linearise, solve the sub-problem, correct its step, accept or reject it; why to stop, if that is so."""
+        penalty, trust = search.penalty, search.trust
+        near = self._linearise(search.point, penalty, limits, trust)
+        step = self._solve(near, limits, penalty, trust.radius)
+        if step.status != "optimal":
+            return self._without_step(search, step)
+        predicted = search.point.merit(penalty) - modelled_merit(near, step, penalty)
+        trial = self._corrected(search.point, near, step, limits, penalty)
+        actual = search.point.merit(penalty) - trial.merit(penalty)
+        accepted = actual > 0.0 and actual >= ACCEPT_ABOVE * predicted
+        optimality = self._optimality(search.point, predicted, actual, step.size)
+        announce(trial.knots, self._iterate(trial, optimality, step, accepted, trust.radius))
+        if accepted:
+            self._accept(search, trial, step)
+            if trial.violation <= _NEARLY and _has_vanished(trial.knots, VANISHED * self.options.spacing):
+                return Stop.CONVERGED
+        stop = self._converged(search, optimality, near, limits, announce)
+        if stop is not None:
+            return stop
+        trust.update(actual / predicted if predicted > 0.0 else 1.0, step.reach / self.options.trust_region)
+        return Stop.STALLED if trust.is_exhausted else None
+
+    def _without_step(self, search: "_Search", step: SubproblemSolution) -> Stop | None:
+        """Shrink the trust region after a sub-problem that was not solved."""
+        if self._is_out_of_time:
+            return Stop.TIME_LIMIT
+        search.trust.shrink()
+        search.failure = f"the solver says: {step.status}"
+        return Stop.FAILED if search.trust.is_exhausted else None
+
+    def _accept(self, search: "_Search", trial: Point, step: SubproblemSolution) -> None:
+        before, search.point = search.point.violation, trial
+        search.penalty = self._updated(search.penalty, step, trial, before)
+        self._remember(trial)
+
+    def _converged(
+        self, search: "_Search", optimality: float, near: Linearisation, limits: KnotLimits, announce: Announce
+    ) -> Stop | None:
+        """Why to stop, by optimality and violation; where only the second is left, raise the weight."""
+        point, penalty, feasibility = search.point, search.penalty, self.options.feasibility
+        if point.violation <= feasibility:
+            return Stop.CONVERGED if optimality <= 1.0 else None
+        if not optimality <= 1.0:
+            return Stop.INFEASIBLE if search.patience.is_over(point.violation, penalty.weight) else None
+        polished = self._polished(point, near, limits)
+        if polished.violation <= feasibility:
+            announce(polished.knots, self._iterate(polished, optimality, None, True, search.trust.radius))
+            search.point = polished
+            return Stop.CONVERGED
+        if penalty.weight >= LARGEST_WEIGHT:
+            return Stop.INFEASIBLE
+        search.penalty = replace(penalty, weight=min(10.0 * penalty.weight, LARGEST_WEIGHT))
+        return None
 
     def _first_penalty(self, knots: Knots) -> Penalty:
         """Weight and multipliers to begin with: those of the last solution where it goes on from its knots."""
@@ -245,13 +281,14 @@ class Convexification:
         ):
             self._sound = point
 
-    def _end(self, point: Point, penalty: Penalty, stop: Stop, iterations: int, word: str = "") -> KnotSolution:
+    def _end(self, search: "_Search", stop: Stop, iterations: int) -> KnotSolution:
+        point = search.point
         if stop not in (Stop.CONVERGED, Stop.FAILED) and point.violation > self.options.feasibility:
             if self._near is not None:
                 self._remember(self._polished(point, *self._near))
             if self._sound is not None:
                 point, stop = self._sound, Stop.STALLED if stop is Stop.INFEASIBLE else stop
-        self._last = (point.knots, penalty)
+        self._last = (point.knots, search.penalty)
         defect, missing = float(np.abs(point.defects).max()), float(point.missing.max()) * self.scales.length
         short = f"largest defect {defect:.1e}, clearance short by {missing:.1e} m"
         reasons = {
@@ -260,7 +297,7 @@ class Convexification:
             Stop.STALLED: f"no step lowers the merit any more: {short}",
             Stop.ITERATION_LIMIT: f"the sub-problems were not enough: {short}",
             Stop.TIME_LIMIT: f"out of time: {short}",
-            Stop.FAILED: word,
+            Stop.FAILED: search.failure,
         }
         return KnotSolution(knots=point.knots, stop=stop, reason=reasons[stop], iterations=iterations)
 
