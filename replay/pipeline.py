@@ -23,18 +23,18 @@ from replay.base.kernels import drop_stale
 from replay.base.threads import one_thread, use_one_thread
 from replay.logs import ReadOptions, read_cases
 from replay.run.case import Case
+from replay.run.child import can_fork
 from replay.run.judge import run_case
-from replay.run.limits import Limits
+from replay.run.limits import LIMITS, Limits
 from replay.run.outcome import MethodRun, Run
 from replay.run.progress import Progress
+from replay.run.reading import guarded
 from replay.run.results import read_results, to_document, write_results
 from replay.run.solving import InTurn
 from replay.run.stored import run_of
 from replay.run.vehicle_file import read_vehicle
-from replay.run.worker import Workers, can_isolate, usable_cores
+from replay.run.worker import Workers, usable_cores
 
-LIMITS: Final = Limits(memory_mib=4096)
-"""Limits of a method by default: no limit of time."""
 JOBS: Final = 2
 """Methods of a case that run at the same time by default."""
 File = str | os.PathLike[str]
@@ -51,17 +51,21 @@ def _prepared() -> None:
     drop_stale()
 
 
-def read(log: File, options: ReadOptions | None = None, **changes: Any) -> list[Case]:
+def read(log: File, options: ReadOptions | None = None, *, memory_mib: int | None = None, **changes: Any) -> list[Case]:
     """Read the parking requests of a log: an MCAP file, or a folder that rosbag2 recorded.
 
     `changes` are fields of `ReadOptions`, as on the command line, such as margin=0.2 or unknown="free"; `vehicle` may
-    be a `Vehicle` or the path of its TOML file, `start_direction` "forward" or "reverse". Raises UsageError for an
-    option that is unknown or out of range, LogError for a log that cannot be used.
+    be a `Vehicle` or the path of its TOML file, `start_direction` "forward" or "reverse". With `memory_mib`, the log
+    is read in a process of its own, with limits of memory and time. Raises UsageError for an option that is unknown or
+    out of range, LogError for a log that cannot be used.
     """
     _prepared()
     chosen = read_options(options or ReadOptions(), changes)
     with one_thread():
-        cases = read_cases(log, chosen)
+        if memory_mib is None:
+            cases = read_cases(log, chosen)
+        else:
+            cases = guarded(log, read_cases, log, chosen, memory_mib=memory_mib)
     return [dataclasses.replace(case, reading=dataclasses.asdict(chosen)) for case in cases]
 
 
@@ -184,7 +188,7 @@ def open_workers(limits: Limits = LIMITS, jobs: int = JOBS, meanwhile: Callable[
     `meanwhile` is called each time that all of them have work. Where the system has no fork, methods run in this
     process, one after the other.
     """
-    if not can_isolate():
+    if not can_fork():
         return InTurn(limits)
     return Workers(limits, max(1, min(jobs, usable_cores())), meanwhile)
 

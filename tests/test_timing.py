@@ -85,11 +85,13 @@ def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_one(tmp_path, m
     python = tmp_path / "python"
     python.write_text(
         f"#!{sys.executable}\n"
-        "import json, sys, time\n"
-        "for line in sys.stdin:\n"
-        "    is_slow = json.loads(line)['method'] == 'slow'\n"
+        "import sys, time\n"
+        "from multiprocessing.connection import Connection\n"
+        "pipe = Connection(int(sys.argv[-1]))\n"
+        "while True:\n"
+        "    is_slow = pipe.recv()[1] == 'slow'\n"
         "    time.sleep(3.5 if is_slow else 0.0)\n"
-        "    print(json.dumps({'seconds': [1.0 if is_slow else 2.0]}), flush=True)\n"
+        "    pipe.send([1.0 if is_slow else 2.0])\n"
     )
     python.chmod(0o755)
     monkeypatch.setattr(timing, "MOST_S", 2.5)

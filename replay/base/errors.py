@@ -39,6 +39,10 @@ class ReplayError(Exception):
     def __str__(self) -> str:
         return f"{self.message} [{self.code}]"
 
+    def __reduce__(self) -> tuple[object, ...]:
+        # exceptions travel between processes; the default would call __init__ with the finished line only
+        return type(self), (self.code, self.message)
+
 
 USAGE_ERROR: Final = "E_USAGE"
 """Code of errors in what was asked for, to which the help has the answer."""
@@ -75,7 +79,6 @@ class LogError(ReplayError):
         super().__init__(code, f"{printable(self.path)}: {message}")
 
     def __reduce__(self) -> tuple[object, ...]:
-        # Exceptions travel between processes; the default would call __init__ with the finished line only.
         return _restore, (type(self), self.code, self.path, self.message)
 
 

@@ -21,7 +21,9 @@ from replay.logs.meaning.assemble import cases_of
 from replay.logs.meaning.topics import Topic, is_wanted, topics_of
 from replay.logs.meaning.understood import uses
 from replay.run.case import Case
+from replay.run.limits import LIMITS
 from replay.run.plain import scene_to_document
+from replay.run.reading import guarded
 
 _HITCH = {
     "trailer path": "from the trailer's path",
@@ -64,18 +66,55 @@ def _describe(voice: Voice, path: pathlib.Path, options: ReadOptions) -> dict[st
     """Show one log, as far as it can be read, and give the same as plain data."""
     document: dict[str, Any] = {"log": str(path), "error": None, "lost": False, "channels": [], "cases": []}
     try:
+        seen = guarded(path, _look, path, options, memory_mib=LIMITS.memory_mib)
+    except ReplayError as error:
+        seen = _Seen(error=error)
+    if seen.sha256:
+        document |= {"sha256": seen.sha256, "lost": seen.lost, "channels": seen.channels}
+        voice.show(f"{printable(path)}: {seen.size} bytes, sha256 {seen.sha256}", channels_table(seen.channels))
+    for case in seen.cases:
+        document["cases"].append(case.document)
+        document["lost"] |= case.lost
+        voice.show(facts_table(case.facts), "")
+    if seen.error is not None:
+        document["error"] = str(seen.error)
+        voice.error(str(seen.error))
+    return document
+
+
+@dataclasses.dataclass(kw_only=True)
+class _Seen:
+    """What was read of a log, up to the error if there is one."""
+
+    size: int = 0
+    sha256: str = ""
+    lost: bool = False
+    channels: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    cases: list["_SeenCase"] = dataclasses.field(default_factory=list)
+    error: ReplayError | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _SeenCase:
+    """One parking request; its figures are measured where it is read, which spares loading the kernels twice."""
+
+    document: dict[str, Any]
+    facts: dict[str, str]
+    lost: bool
+
+
+def _look(path: pathlib.Path, options: ReadOptions) -> _Seen:
+    """Read a log."""
+    seen = _Seen()
+    try:
         log = open_log(path, is_wanted)
         topics = topics_of(log)
-        document |= {"sha256": log.sha256, "lost": log.lost, "channels": _channels(log, topics)}
-        voice.show(f"{printable(path)}: {log.size} bytes, sha256 {log.sha256}", channels_table(document["channels"]))
+        seen.size, seen.sha256, seen.lost, seen.channels = log.size, log.sha256, log.lost, _channels(log, topics)
         for case in cases_of(log, topics, options):
-            document["cases"].append(_case_document(case))
-            document["lost"] |= case.read.lost
-            voice.show(facts_table(_facts(case)), "")
+            seen.cases.append(_SeenCase(document=_case_document(case), facts=_facts(case), lost=case.read.lost))
     except ReplayError as error:
-        document["error"] = str(error)
-        voice.error(str(error))
-    return document
+        seen.error = error
+    return seen
 
 
 def _channels(log: Log, topics: Sequence[Topic]) -> list[dict[str, Any]]:

@@ -92,9 +92,10 @@ class Session:
         return status
 
     def _run_log(self, work: _Work) -> None:
+        run = self.settings.run
         with work.progress:
             work.progress.show(work.log.name, "reading")
-            cases = pipeline.read(work.log, self.settings.read)
+            cases = pipeline.read(work.log, self.settings.read, memory_mib=run.memory_limit)
         try:
             for case in self._wanted(cases):
                 work.entry.lost |= case.read.lost

@@ -1,30 +1,19 @@
 """Supervisors of workers on this machine: each starts a worker, watches it, ends it, and says why it died."""
 
-import contextlib
-import os
-import pickle
 import queue
-import signal
-import socket
-import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Generator, Iterable, Iterator
-from multiprocessing.connection import Connection
-from typing import IO, Any, Self
+from typing import Any, Self
 
 from replay.regress.job import Job, Outcome, publish_error
+from replay.run.child import Child, Died
 from replay.run.limits import BUSY, NO_LIMITS, Limits
+from replay.run.reading import COMPILE_S, READ_S
 
 START_S = 120.0
 """Time for a worker to start and import what it needs [s]."""
-READ_S = 60.0
-"""Time for reading a log, for measuring a recorded path, and for writing a recording, each [s]."""
-COMPILE_S = 300.0
-"""Time for a method beside its own limit, and for every stage of a worker's first job [s]: kernels may have to be
-compiled."""
 MOST_JOBS = 200
 """Jobs after which a worker is replaced, to bound memory growth."""
 MOST_TRIES = 2
@@ -41,10 +30,7 @@ class Supervisor:
 
     def __init__(self, stop: threading.Event | None = None) -> None:
         self._stop = stop or threading.Event()
-        self._process: subprocess.Popen[bytes] | None = None
-        self._pipe: Connection | None = None
-        self._lifeline = -1
-        self._words: IO[bytes] | None = None
+        self._worker: Child | None = None
         self._limits: Limits = NO_LIMITS
         self._jobs = 0
 
@@ -64,8 +50,8 @@ class Supervisor:
             for _ in range(MOST_TRIES):
                 try:
                     return self._run(job)
-                except (EOFError, OSError):
-                    words = self._last_words()
+                except Died as died:
+                    self._worker, words = None, str(died)
             return publish_error(job, "E_CRASHED", words)
         except _Late as late:
             return publish_error(job, "E_HUNG", str(late))
@@ -74,92 +60,49 @@ class Supervisor:
             raise
 
     def _run(self, job: Job) -> Outcome:
-        pipe = self._ready(job)
+        worker = self._ready(job)
         usual = READ_S if self._jobs else READ_S + COMPILE_S
         self._jobs += 1
-        pipe.send_bytes(pickle.dumps(job, pickle.HIGHEST_PROTOCOL))
+        worker.send(job)
         stage, limit = "reading", usual
         while True:
-            kind, body = self._next(pipe, stage, limit)
+            kind, body = self._next(worker, stage, limit)
             if kind == "done":
                 return body
             is_method = body.startswith("method ")
             stage, limit = body, BUSY * job.options.limits.time_s + COMPILE_S if is_method else usual
 
-    def _next(self, pipe: Connection, stage: str, limit: float) -> tuple[str, Any]:
-        """The next message. Raises _Late, Stopped, EOFError where the worker has died."""
+    def _next(self, worker: Child, stage: str, limit: float) -> tuple[str, Any]:
+        """The next message. Raises _Late, Stopped, Died."""
         deadline = time.monotonic() + limit
-        while not pipe.poll(_POLL_S):
+        while (message := worker.receive(_POLL_S)) is None:
             if self._stop.is_set():
                 raise Stopped
             if time.monotonic() > deadline:
                 self.end()
                 raise _Late(f"{stage}: no end after {limit:.0f} s")
-        return pickle.loads(pipe.recv_bytes())
+        return message
 
-    def _ready(self, job: Job) -> Connection:
-        """The socket to the worker, which is started if there is none, or if it has served long enough."""
+    def _ready(self, job: Job) -> Child:
+        """The worker, which is started if there is none, or if it has served long enough. Raises Died."""
         limits = job.options.limits
-        if self._pipe is not None and limits == self._limits and self._jobs < MOST_JOBS:
-            return self._pipe
+        if self._worker is not None and limits == self._limits and self._jobs < MOST_JOBS:
+            return self._worker
         self.end()
         self._limits, self._jobs = limits, 0
-        pipe = self._pipe = self._start()
-        pipe.send_bytes(pickle.dumps((sys.path, limits)))
-        self._next(pipe, "starting", START_S)
-        return pipe
-
-    def _start(self) -> Connection:
-        ours, theirs = socket.socketpair()
-        end, self._lifeline = os.pipe()
-        self._words = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
-        command = [sys.executable, "-P", "-m", "replay.regress.worker", str(theirs.fileno()), str(end)]
         try:
-            self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=self._words,
-                pass_fds=(theirs.fileno(), end),
-                process_group=0,
-            )
-        finally:
-            theirs.close()
-            os.close(end)
-        return Connection(ours.detach())
-
-    def _last_words(self) -> str:
-        """Why the worker has died, and the last line that it wrote."""
-        process, line = self._process, ""
-        if process is None:
-            return "its process could not be started"
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(5.0)
-        if self._words is not None:
-            size = self._words.seek(0, os.SEEK_END)
-            self._words.seek(max(0, size - 2000))
-            lines = self._words.read().decode("utf-8", "replace").split("\n")
-            line = next((text.strip() for text in reversed(lines) if text.strip()), "")
-        code = process.returncode
-        self.end()
-        if code is not None and code < 0:
-            with contextlib.suppress(ValueError):
-                return f"its process was ended by {signal.Signals(-code).name}"
-        return f"its process ended with exit status {code}" + (f": {line[:200]}" if line else "")
+            self._worker = Child.started([sys.executable, "-P", "-m", "replay.regress.worker"])
+        except OSError as error:
+            raise Died(f"its process could not be started: {error}") from error
+        self._worker.send((sys.path, limits))
+        self._next(self._worker, "starting", START_S)
+        return self._worker
 
     def end(self) -> None:
         """End the worker and all processes below it."""
-        if self._process is not None:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.wait()
-        if self._pipe is not None:
-            self._pipe.close()
-        if self._lifeline >= 0:
-            os.close(self._lifeline)
-        if self._words is not None:
-            self._words.close()
-        self._process, self._pipe, self._lifeline, self._words = None, None, -1, None
+        if self._worker is not None:
+            self._worker.end()
+        self._worker = None
 
 
 class _Late(Exception):

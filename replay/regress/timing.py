@@ -10,7 +10,6 @@ import json
 import math
 import os
 import pathlib
-import select
 import subprocess
 import sys
 import tempfile
@@ -18,7 +17,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
-import msgspec
 import numpy as np
 
 from replay.base.documents import plain
@@ -29,6 +27,7 @@ from replay.regress.folder import RunFolder, write_document
 from replay.regress.plan import Plan
 from replay.regress.program import SOURCES
 from replay.regress.sources import STORES, local_file
+from replay.run.child import Child, Died
 
 AGAINST_ERROR = "E_AGAINST"
 ALARM = 1.02
@@ -52,14 +51,6 @@ class Version:
     python: str
     path: str
     """Folder of its sources; empty where they are installed."""
-
-
-class _Answer(msgspec.Struct, frozen=True, kw_only=True):
-    """The answer of a timing server."""
-
-    seconds: tuple[float, ...] = ()
-    """Time on each case [s]."""
-    error: str = ""
 
 
 def check_version(name: str) -> None:
@@ -119,52 +110,32 @@ class TimingServer:
 
     def __init__(self, version: Version) -> None:
         self.version = version
-        self._process = self._started()
+        self._child = self._started()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._end()
+        self._child.end()
 
-    def _started(self) -> subprocess.Popen[str]:
+    def _started(self) -> Child:
         script = pathlib.Path(__file__).with_name("timing_server.py")
-        return subprocess.Popen(
-            [self.version.python, "-P", str(script)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-            env=os.environ | {"PYTHONPATH": self.version.path},
-        )
-
-    def _end(self) -> None:
-        self._process.kill()
-        self._process.wait()
-        for stream in (self._process.stdin, self._process.stdout):
-            if stream is not None:
-                with contextlib.suppress(OSError):
-                    stream.close()
+        return Child.started([self.version.python, "-P", str(script)], os.environ | {"PYTHONPATH": self.version.path})
 
     def seconds(self, log: str, method: str) -> float:
         """Time a method on all cases of a log [s]; NaN where that version fails, or takes more than `MOST_S`.
 
         Raises ReplayError (E_AGAINST) if the process has ended.
         """
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
+        self._child.send((log, method))
         try:
-            self._process.stdin.write(json.dumps({"log": log, "method": method}) + "\n")
-            self._process.stdin.flush()
-            ready, _, _ = select.select([self._process.stdout], [], [], MOST_S)
-            if not ready:
-                self._end()  # its answer would be taken for the next one
-                self._process = self._started()
-                return math.nan
-            answer = msgspec.json.decode(self._process.stdout.readline(), type=_Answer)
-        except (OSError, ValueError, msgspec.MsgspecError) as error:
-            raise ReplayError(AGAINST_ERROR, f"{self.version.name}: its process has ended: {error}") from error
-        return math.fsum(answer.seconds) if answer.seconds else math.nan
+            seconds = self._child.receive(MOST_S)
+        except Died as died:
+            raise ReplayError(AGAINST_ERROR, f"{self.version.name}: {died}") from died
+        if seconds is None:
+            self._child.end()  # its answer would be taken for the next one
+            self._child = self._started()
+        return math.fsum(seconds) if seconds else math.nan
 
 
 def measure(

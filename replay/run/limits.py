@@ -28,3 +28,5 @@ class Limits:
 
 
 NO_LIMITS: Final = Limits()
+LIMITS: Final = Limits(memory_mib=4096)
+"""Limits of a method by default, and of reading: no limit of time."""
