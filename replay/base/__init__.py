@@ -1,0 +1,1 @@
+"""What all rooms of the package share; imports nothing of them."""
