@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError, MissingArgumentError, UnknownCommandError
+from rich.console import Console
 
 from replay.base.errors import USAGE_ERROR, OutputLost, ReplayError, unknown
 from replay.base.kernels import drop_stale
@@ -41,7 +42,10 @@ def _run(tokens: list[str]) -> int:
         use_one_thread()
         if tokens and tokens[0] in COMMANDS:
             drop_stale()
-        status = make_app()(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+        # A console of this call: `regress`, an application in its module, would keep its first one, and with it the width.
+        console = Console()
+        app = make_app()
+        status = app(tokens, console=console, exit_on_error=False, print_error=False, result_action="return_value")
     except UnknownCommandError:  # its own text would import every command to name them
         _explain(unknown("command", tokens[0], COMMANDS), ())
         return ExitStatus.USAGE
