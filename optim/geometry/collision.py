@@ -80,7 +80,7 @@ def _own_axis(rect, low_x, high_x, low_y, high_y, in_x, out_x, in_y, out_y):
 
 
 @kernel
-def signed_distance(scene, k, rect):
+def signed_distance(scene, k, rect):  # noqa: C901  one pass finds all of them
     """Distance, witness on the rectangle, witness on polygon k, unit normal from polygon to rectangle.
 
     Apart, the least distance is that of a polygon's vertex from the rectangle, or of the rectangle's corner

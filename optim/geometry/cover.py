@@ -234,9 +234,9 @@ class _Hulls:
         self._known: dict[int, dict[int, float]] = {}
 
     def merge(self) -> tuple[IntArray, list[Ring]]:
-        """Joins the cheapest pair until the next is too dear, or enough were tried; the rectangles left, by number,
-        and the hulls.
+        """Join the cheapest pair until the next is too dear or enough were tried.
 
+        Returns the numbers of the rectangles left, and the hulls.
         The price of a pair of which one has grown is looked up when its turn would have come at the old price.
         """
         looked_at = 0

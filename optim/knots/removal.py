@@ -22,9 +22,14 @@ class Candidate(Protocol):
     """A solution at knots."""
 
     @property
-    def knots(self) -> Knots: ...
+    def knots(self) -> Knots:
+        """The knots."""
+        ...
+
     @property
-    def objective(self) -> float: ...
+    def objective(self) -> float:
+        """J of the path at these knots."""
+        ...
 
 
 _C = TypeVar("_C", bound=Candidate)

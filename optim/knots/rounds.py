@@ -61,13 +61,17 @@ class KnotSolution:
 class Announce(Protocol):
     """Announce an iterate at knots: `make(iteration=..., path=...)` gives it."""
 
-    def __call__(self, knots: Knots, make: Callable[..., Iterate]) -> None: ...
+    def __call__(self, knots: Knots, make: Callable[..., Iterate]) -> None:
+        """Announce these knots; `make` is called only if somebody listens."""
+        ...
 
 
 class KnotOptimizer(Protocol):
     """Minimise J from these knots, keeping at knot k the clearances required[k] of truck and trailer [m]."""
 
-    def __call__(self, knots: Knots, required: Array, announce: Announce) -> KnotSolution: ...
+    def __call__(self, knots: Knots, required: Array, announce: Announce) -> KnotSolution:
+        """Better knots than these, and why it stopped there; `required` has shape (K, 2) [m]."""
+        ...
 
 
 def improve(

@@ -102,7 +102,7 @@ def tabulate_turns(start, goal, lim, max_length, table, ends):
 
 
 @kernel(error_model="numpy")
-def find_tangents(start, goal, lim, max_length, table, ends, turns, roots):
+def find_tangents(start, goal, lim, max_length, table, ends, turns, roots):  # noqa: C901  its parts share all state
     """Fill roots (n, 10) with (length, psi, shift, slope of f, turns (2 x 3)) of common tangents of tabulated turns.
 
     Returns their number. No root is sought where both ends of a cell make a path longer than max_length, nor kept
@@ -192,7 +192,7 @@ def scale_ramps(delta, k0, s0, top, loads, turns, end):
 
 
 @kernel(error_model="numpy")
-def solve_turns(root, start, goal, lim, turns, loads, row):
+def solve_turns(root, start, goal, lim, turns, loads, row):  # noqa: C901  one iteration over both turns
     """Solve a root of `find_tangents` exactly with ramps at the limits; fills `row` of `plan_turns`, tells if it could.
 
     Work space: turns (2, 3) and loads (2, 4), of which the columns are the loads of both ramps, kp and delta.

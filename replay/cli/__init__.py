@@ -42,7 +42,7 @@ def _run(tokens: list[str]) -> int:
         use_one_thread()
         if tokens and tokens[0] in COMMANDS:
             drop_stale()
-        # A console of this call: `regress`, an application in its module, would keep its first one, and with it the width.
+        # A new console for each call: `regress`, an application in its module, would keep its first one and its width.
         console = Console()
         app = make_app()
         status = app(tokens, console=console, exit_on_error=False, print_error=False, result_action="return_value")

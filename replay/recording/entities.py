@@ -23,7 +23,7 @@ points = rr.Radius.ui_points
 
 
 def entity(*parts: str) -> str:
-    """An entity path from parts of which some come from outside; a chain's + would be shown escaped, as \\+."""
+    """An entity path from parts of which some come from outside; a chain's + would be shown escaped."""
     return "/" + "/".join(rr.escape_entity_path_part(plain(part).replace(JOINT, "-")) for part in parts)
 
 

@@ -27,18 +27,22 @@ class Frame(NamedTuple):
 
     @property
     def width(self) -> float:
+        """Extent in x [m]."""
         return self.x1 - self.x0
 
     @property
     def height(self) -> float:
+        """Extent in y [m]."""
         return self.y1 - self.y0
 
     @property
     def size(self) -> float:
+        """The larger of width and height [m]."""
         return max(self.width, self.height)
 
     @property
     def box(self) -> BaseGeometry:
+        """The frame as a polygon."""
         return shapely.box(*self)
 
     def grown(self, left: float, bottom: float, right: float, top: float) -> "Frame":

@@ -125,30 +125,44 @@ class Convexification:
             optimality = self._optimality(point, predicted, actual, step.size)
             announce(trial.knots, self._iterate(trial, optimality, step, accepted, trust.radius))
             if accepted:
-                before, point = point.violation, trial
-                penalty = self._updated(penalty, step, point, before)
+                penalty = self._updated(penalty, step, trial, point.violation)
+                point = trial
                 self._remember(point)
                 if point.violation <= _NEARLY and _has_vanished(point.knots, VANISHED * options.spacing):
                     return self._end(point, penalty, Stop.CONVERGED, iteration)
-            if point.violation <= options.feasibility:
-                if optimality <= 1.0:
-                    return self._end(point, penalty, Stop.CONVERGED, iteration)
-            elif optimality <= 1.0:
-                polished = self._polished(point, near, limits)
-                if polished.violation <= options.feasibility:
-                    announce(polished.knots, self._iterate(polished, optimality, None, True, trust.radius))
-                    return self._end(polished, penalty, Stop.CONVERGED, iteration)
-                if penalty.weight >= LARGEST_WEIGHT:
-                    return self._end(point, penalty, Stop.INFEASIBLE, iteration)
-                penalty = replace(penalty, weight=min(10.0 * penalty.weight, LARGEST_WEIGHT))
-            elif patience.is_over(point.violation, penalty.weight):
-                return self._end(point, penalty, Stop.INFEASIBLE, iteration)
+            before, (point, penalty, stop) = point, self._settled(point, near, limits, penalty, optimality, patience)
+            if point is not before:
+                announce(point.knots, self._iterate(point, optimality, None, True, trust.radius))
+            if stop is not None:
+                return self._end(point, penalty, stop, iteration)
             trust.update(actual / predicted if predicted > 0.0 else 1.0, step.reach / options.trust_region)
-            if trust.is_exhausted:
-                return self._end(point, penalty, Stop.STALLED, iteration)
-            if self.solver_s >= options.time_limit:
-                return self._end(point, penalty, Stop.TIME_LIMIT, iteration)
+            if trust.is_exhausted or self.solver_s >= options.time_limit:
+                return self._end(point, penalty, Stop.STALLED if trust.is_exhausted else Stop.TIME_LIMIT, iteration)
         return self._end(point, penalty, Stop.ITERATION_LIMIT, options.max_iterations)
+
+    def _settled(
+        self,
+        point: Point,
+        near: Linearisation,
+        limits: KnotLimits,
+        penalty: Penalty,
+        optimality: float,
+        patience: Patience,
+    ) -> tuple[Point, Penalty, Stop | None]:
+        """Point and penalty to go on with, and the reason to end there if there is one.
+
+        Where J has nothing left to gain but the constraints are violated, the point is polished, or the weight raised.
+        """
+        if point.violation <= self.options.feasibility:
+            return point, penalty, Stop.CONVERGED if optimality <= 1.0 else None
+        if not optimality <= 1.0:
+            return point, penalty, Stop.INFEASIBLE if patience.is_over(point.violation, penalty.weight) else None
+        polished = self._polished(point, near, limits)
+        if polished.violation <= self.options.feasibility:
+            return polished, penalty, Stop.CONVERGED
+        if penalty.weight >= LARGEST_WEIGHT:
+            return point, penalty, Stop.INFEASIBLE
+        return point, replace(penalty, weight=min(10.0 * penalty.weight, LARGEST_WEIGHT)), None
 
     def _first_penalty(self, knots: Knots) -> Penalty:
         """Weight and multipliers to begin with: those of the last solution where it goes on from its knots."""

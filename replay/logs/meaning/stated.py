@@ -1,5 +1,6 @@
-"""Statements of a path message beside its poses: the gear by the sign of its speed, the angle of the front wheel; and
-the reference point of its poses on the truck.
+"""What a path message states beside its poses, and the reference point of its poses on the truck.
+
+Stated are the gear, by the sign of the speed, and the angle of the front wheel.
 """
 
 import dataclasses

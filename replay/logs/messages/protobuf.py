@@ -169,6 +169,7 @@ class Decoder:
         self._parts = 0
 
     def __call__(self, data: bytes) -> dict[str, Any]:
+        """The message in these bytes."""
         name = self._plan.name
         if len(data) > MAX_MESSAGE:
             raise PayloadError(f"the message has {len(data)} bytes, at most {MAX_MESSAGE} are read")
