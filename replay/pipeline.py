@@ -129,7 +129,7 @@ def optimize(
         case = with_weights(case, weights)
     _prepared()
     shown = progress if isinstance(progress, Progress) else Progress(enabled=progress)
-    watched = _Watched(case.name, shown, on_iterate, on_start, on_end)
+    watched = _Watch(case.name, shown, on_iterate, on_start, on_end)
     with one_thread(), nullcontext(workers) if workers else open_workers(limits, jobs) as solver, shown:
         shown.show(case.name, "measuring the recorded path")
         return run_case(
@@ -149,7 +149,7 @@ def with_weights(case: Case, weights: Weights) -> Case:
     return dataclasses.replace(case, problem=dataclasses.replace(case.problem, weights=weights))
 
 
-class _Watched:
+class _Watch:
     """Passes on what happens to the methods of a case, and shows it as progress."""
 
     def __init__(

@@ -7,8 +7,8 @@ from paths import random_path
 from scipy.spatial import KDTree
 
 from optim.model.vehicle import Vehicle
-from replay.logs.meaning.motion import groups, noise_of, rough_chain, signed_travel, turning_points
-from replay.logs.meaning.poses import recorded_poses
+from replay.logs.meaning.noisy_motion import groups, noise_of, rough_chain, signed_travel, turning_points
+from replay.logs.meaning.recorded_poses import recorded_poses
 
 TRUCK, FINE = make.drive(step=0.1)[0], make.drive(step=0.005)[0]
 

@@ -5,7 +5,7 @@ import pytest
 import recording_factory as factory
 from recording_reading import Contents, written
 
-from replay.recording.summary import convergence_help
+from replay.recording.overview import convergence_help
 from replay.recording.tracks import tracks_of
 from replay.run.outcome import Run
 

@@ -34,12 +34,12 @@ from optim.knots.transcription import (
     within_rate,
 )
 from optim.model.iterates import IterateStream
-from optim.model.limits import within_limits
 from optim.model.objective import objective
 from optim.model.path import Path
 from optim.model.problem import Problem, path_clearance
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.model.vehicle import Vehicle
+from optim.model.vehicle_limits import within_limits
 from optim.numerics.arrays import Array
 
 MAX_ROUNDS = 8
@@ -100,7 +100,7 @@ def improve(
 
 
 @dataclass(frozen=True, eq=False)
-class _Candidate:
+class _SoundPath:
     """A path, its J, and the solution that it is of."""
 
     path: Path
@@ -119,7 +119,7 @@ class _Rounds:
         self.problem, self.optimize, self.spacing, self.iterates = problem, optimize, spacing, iterates
         self.iterations = self.solutions = 0
 
-    def descend(self, knots: Knots) -> tuple[_Candidate | None, KnotSolution]:
+    def descend(self, knots: Knots) -> tuple[_SoundPath | None, KnotSolution]:
         """Rounds from these knots on: the best path that keeps everything, and the last solution."""
         best, required, left = None, required_at_knots(self.problem, knots), MAX_ROUNDS
         while True:
@@ -131,7 +131,7 @@ class _Rounds:
                 return best, solution
             (knots, required), left = following, left - 1
 
-    def _judge(self, solution: KnotSolution, required: Array) -> tuple[_Candidate | None, tuple[Knots, Array] | None]:
+    def _judge(self, solution: KnotSolution, required: Array) -> tuple[_SoundPath | None, tuple[Knots, Array] | None]:
         """The path of a solution if it keeps everything; knots and clearance to solve for again, unless it is done."""
         problem, knots = self.problem, solution.knots
         merged = merge_vanished(knots, VANISHED * self.spacing)
@@ -141,7 +141,7 @@ class _Rounds:
         path = path_of(problem.vehicle, knots, problem.initial)
         missing = missing_between(problem, knots, path)
         sound = (
-            _Candidate(path, _value(problem, path), solution) if _keeps_everything(problem, knots, missing) else None
+            _SoundPath(path, _value(problem, path), solution) if _keeps_everything(problem, knots, missing) else None
         )
         if not _may_go_on(problem, solution):
             return sound, None
@@ -152,7 +152,7 @@ class _Rounds:
             return sound, None
         return sound, (knots, raised(problem, knots, required, missing))
 
-    def without(self, best: _Candidate, index: int) -> _Candidate | None:
+    def without(self, best: _SoundPath, index: int) -> _SoundPath | None:
         """The best path of rounds that begin without a segment."""
         seed = seed_without(self.problem, best.knots, index, self.spacing)
         better, _ = self.descend(self._within_rate(seed))

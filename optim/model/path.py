@@ -16,8 +16,7 @@ import numpy as np
 
 from optim.model.kinematics import LARGEST_STEP, roll_out, roll_out_kernel
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, Float64, Int64, IntArray, frozen, frozen_int
-from optim.numerics.frame import data_frame
+from optim.numerics.arrays import Array, Float64, Int64, IntArray, data_frame, frozen, frozen_int
 from optim.numerics.kernel import kernel
 
 LENGTH_TOLERANCE = 1e-9

@@ -13,8 +13,8 @@ from rich.console import Console
 from replay.base.errors import USAGE_ERROR, OutputLost, ReplayError, unknown
 from replay.base.kernels import drop_stale
 from replay.base.threads import use_one_thread
+from replay.cli.interrupts import like_ctrl_c
 from replay.cli.invoked import to_paste
-from replay.cli.signals import like_ctrl_c
 from replay.cli.usage import ExitStatus, command_of, drop_output, example
 
 COMMANDS = {

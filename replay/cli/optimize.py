@@ -9,7 +9,6 @@ from cyclopts import Group, Parameter
 from optim.methods import METHODS
 from replay.base.errors import UsageError
 from replay.cli.console import Common, Voice
-from replay.cli.flags import MethodFlags, WeightFlags
 from replay.cli.options import flag_class, options_of
 from replay.cli.origin import Origin, same_log
 from replay.cli.outputs import Outputs
@@ -17,8 +16,10 @@ from replay.cli.reading import Reading
 from replay.cli.session import Session
 from replay.cli.settings import (
     Layer,
+    MethodFlags,
     RunOptions,
     Settings,
+    WeightFlags,
     layer_of_file,
     layer_of_flags,
     layer_of_results,

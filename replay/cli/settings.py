@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import UnionType
-from typing import Annotated, Any, Final, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias, Union, get_args, get_origin
 
 import msgspec
 
@@ -22,7 +22,7 @@ from optim.model.vehicle import Vehicle
 from replay.base.documents import DocumentError, Whole, convert, read_toml
 from replay.base.errors import UsageError, unknown
 from replay.base.schemas.results import ResultsDocument
-from replay.cli.options import Option, given, options_of, with_flags
+from replay.cli.options import Option, flags_of, given, options_of, with_flags
 from replay.cli.reading import READING, read_options
 from replay.logs import ReadOptions
 from replay.pipeline import method_named
@@ -239,3 +239,13 @@ def _by_method(options: Mapping[str, Mapping[str, Any]]) -> Iterable[tuple[str, 
             if part not in METHODS:
                 raise DocumentError(unknown("method", part, METHODS, f"in tool.options.{name}"))
             yield part, own
+
+
+# Flags of methods and weights, which `replay optimize` and `replay regress` share.
+
+if TYPE_CHECKING:
+    MethodFlags: TypeAlias = Any
+    WeightFlags: TypeAlias = Any
+else:
+    MethodFlags = flags_of(METHODS, "Options of {name}")
+    WeightFlags = flags_of({WEIGHTS: Weights()}, "Weights of the objective J")

@@ -24,7 +24,7 @@ class ExitStatus(enum.IntEnum):
     PARTIAL = 3
     """Done, but part of an input was lost, or some of several inputs could not be read."""
     INTERRUPTED = 130
-    """Stopped by Ctrl-C; what was finished is kept. Stopped by SIGTERM or SIGHUP it is 143 or 129 (`cli.signals`)."""
+    """Stopped by Ctrl-C; what was finished is kept. Stopped by SIGTERM or SIGHUP: 143 or 129 (`interrupts`)."""
 
 
 def drop_output() -> None:

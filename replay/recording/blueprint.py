@@ -11,7 +11,7 @@ from optim.model.problem import Problem
 from replay.recording.convergence import Plot
 from replay.recording.entities import GROUND, OUTSIDE, entity
 from replay.recording.picture import Frame
-from replay.recording.signals import limits_of, signals_of
+from replay.recording.plots import limits_of, signals_of
 from replay.recording.text import number, plain
 from replay.recording.tracks import Track
 

@@ -14,7 +14,7 @@ from optim.model.result import IterateRecord
 from optim.numerics.arrays import Array
 from replay.base.style import ALARM, Colour
 from replay.recording.entities import entity
-from replay.recording.scene import iteration_columns
+from replay.recording.plan_view import iteration_columns
 from replay.recording.text import plain
 from replay.recording.tracks import PROGRESS, Track
 

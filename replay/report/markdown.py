@@ -7,7 +7,7 @@ from replay.base.numbers import count, fixed, percent, shown
 from replay.report.facts import acceptable, by_method, headline, labels, state
 from replay.report.groups import Group, groups
 from replay.report.html import SIGNS
-from replay.report.model import RunData
+from replay.report.run_data import RunData
 
 MOST_LINES = 20
 """Rows of the table of changes; the page has all."""

@@ -11,7 +11,7 @@ from replay.base.schemas.values import known
 from replay.base.schemas.verdicts import VERDICTS
 from replay.report.facts import class_of_logs, cost_ratio
 from replay.report.groups import notable
-from replay.report.model import ResultRow, RunData
+from replay.report.run_data import ResultRow, RunData
 
 MOST_CHANGES = 500
 MOST_CASES = 1000

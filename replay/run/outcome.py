@@ -9,7 +9,7 @@ from optim.audit.report import AuditReport
 from optim.model.metrics import UNITS, Metrics
 from optim.model.path import Path
 from optim.model.result import Iterate, IterateRecord, Picture
-from optim.numerics.frame import data_frame
+from optim.numerics.arrays import data_frame
 from replay.base.errors import unknown
 from replay.base.numbers import count
 from replay.base.style import Style, styles

@@ -14,8 +14,8 @@ from typing import Final
 
 from replay.base.errors import LogError, printable
 from replay.logs.container.log import Channel, Finding, Log, Message, ReadLimits
+from replay.logs.container.log_bytes import not_a_file
 from replay.logs.container.scan import scan
-from replay.logs.container.source import not_a_file
 
 METADATA: Final = "metadata.yaml"
 MAX_METADATA: Final = 1 << 20

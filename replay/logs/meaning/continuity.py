@@ -3,7 +3,7 @@
 import numpy as np
 
 from optim.numerics.arrays import Array, IntArray
-from replay.logs.meaning.motion import Noise, sideways
+from replay.logs.meaning.noisy_motion import Noise, sideways
 from replay.logs.meaning.planar import Refusal
 
 LARGEST_STEP = 2.0

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from optim.geometry.cover import cover_cells
 from optim.model.vehicle import Vehicle, body_poses
 from optim.numerics.arrays import Array
-from replay.logs.meaning.options import ReadOptions
 from replay.logs.meaning.planar import Refusal, planar
+from replay.logs.meaning.read_options import ReadOptions
 from replay.logs.messages.types import Grid
 from replay.run.case import MapImage
 

@@ -13,8 +13,8 @@ from optim.numerics.arrays import Array
 from replay.logs.meaning.frames import Frames, frame_name
 from replay.logs.meaning.grid import cells_at, check_under_path, grid_polygons, map_image, outline
 from replay.logs.meaning.markers import MAX_POLYGONS, Markers, apply_markers, marker_polygons
-from replay.logs.meaning.options import ReadOptions
 from replay.logs.meaning.planar import Refusal
+from replay.logs.meaning.read_options import ReadOptions
 from replay.logs.meaning.topics import Topic, refused
 from replay.logs.messages.types import Grid, Marker, Ring
 from replay.run.case import MapImage

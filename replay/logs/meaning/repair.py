@@ -12,14 +12,14 @@ import numpy as np
 
 from optim.fit.poses import Fit, fit_path
 from optim.fit.system import Bounds, FitOptions
-from optim.model.limits import within_limits
 from optim.model.problem import path_clearance
 from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
+from optim.model.vehicle_limits import within_limits
 from optim.numerics.arrays import Array
-from replay.logs.meaning.checks import LARGEST_DEFECT, LIMIT_SLACK
 from replay.logs.meaning.planar import Refusal
-from replay.logs.meaning.poses import RecordedPoses
+from replay.logs.meaning.plausibility import LARGEST_DEFECT, LIMIT_SLACK
+from replay.logs.meaning.recorded_poses import RecordedPoses
 
 GIVEN_WAY = 0.02
 """A path may be moved aside by so much [m] and three standard deviations of the noise to keep limits and clearance."""

@@ -8,7 +8,7 @@ from replay.base.errors import LogError
 from replay.logs.meaning.frames import Frames, frame_name, in_frame
 from replay.logs.meaning.pairing import TOLERANCE, hitch_misfit, trailer_at_poses
 from replay.logs.meaning.planar import Refusal
-from replay.logs.meaning.poses import recorded_poses, to_plane
+from replay.logs.meaning.recorded_poses import recorded_poses, to_plane
 from replay.logs.meaning.stated import at_rear_axle, references
 from replay.logs.meaning.topics import Topic, refused, titles
 from replay.logs.messages.types import PoseSeries

@@ -11,9 +11,9 @@ import numpy as np
 from optim.fit.poses import Fit
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
-from replay.logs.meaning.options import ReadOptions
 from replay.logs.meaning.planar import Refusal
-from replay.logs.meaning.poses import RecordedPoses, headings_missing, nearest_row
+from replay.logs.meaning.read_options import ReadOptions
+from replay.logs.meaning.recorded_poses import RecordedPoses, headings_missing, nearest_row
 from replay.logs.messages.types import PoseSeries
 
 CONTRADICTED = 0.5

@@ -13,7 +13,7 @@ from optim.model.problem import Problem
 from optim.numerics.arrays import Array
 from replay.base.style import ALARM
 from replay.recording.entities import entity
-from replay.recording.scene import columns_of
+from replay.recording.plan_view import columns_of
 from replay.recording.text import count, plain
 from replay.recording.tracks import PROGRESS, Track
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
 from replay.logs.meaning.continuity import check_steps, jumps
-from replay.logs.meaning.motion import (
+from replay.logs.meaning.noisy_motion import (
     NO_NOISE,
     SURE,
     Noise,

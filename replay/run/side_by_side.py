@@ -75,7 +75,7 @@ class Pair:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Comparison:
+class SideBySide:
     """What was found."""
 
     a: Side
@@ -85,7 +85,7 @@ class Comparison:
     """One line each: what only one of the two has, and what makes numbers other than those in the files."""
 
 
-def compare(a: str, b: str) -> Comparison:
+def compare(a: str, b: str) -> SideBySide:
     """Compare `FILE[:METHOD]` with `FILE[:METHOD]`; of the second one, `:METHOD` alone is of the first one's file.
 
     A file alone stands for all of its methods, or, beside a method, for the same method. Raises ReplayError: E_COMPARE
@@ -113,7 +113,7 @@ def compare(a: str, b: str) -> Comparison:
         pairs = [_pair(first, second, name, name) for name in both]
     else:
         pairs = [_pair(first, second, first.method, second.method or first.method)]
-    return Comparison(a=first, b=second, pairs=tuple(pairs), notes=tuple(notes))
+    return SideBySide(a=first, b=second, pairs=tuple(pairs), notes=tuple(notes))
 
 
 def _side(text: str, first: Side | None) -> Side:
@@ -172,7 +172,7 @@ def _method(run: Run, name: str) -> MethodRun | None:
     return next((method for method in run.methods if method.name == name), None)
 
 
-def overlay(comparison: Comparison) -> tuple[Run, dict[str, Style]]:
+def overlay(comparison: SideBySide) -> tuple[Run, dict[str, Style]]:
     """Both sides as one run, for drawing, and how each path looks.
 
     Of two files, the paths of the first have the colours of their methods, those of the second the same ones lighter.
@@ -200,7 +200,7 @@ def overlay(comparison: Comparison) -> tuple[Run, dict[str, Style]]:
     return dataclasses.replace(a.run, methods=tuple(methods)), looks
 
 
-def to_document(comparison: Comparison) -> dict[str, Any]:
+def to_document(comparison: SideBySide) -> dict[str, Any]:
     """The comparison as plain data, SI units."""
 
     def entry(one: Entry) -> dict[str, Any]:
