@@ -40,7 +40,7 @@ JOBS: Final = 2
 File = str | os.PathLike[str]
 MethodLike = str | Method | Mapping[str, Method]
 Solver = Workers | InTurn
-"""What runs methods, and may be kept open over several cases; see `open_workers`."""
+"""Runner of methods, which may be kept open over several cases; see `open_workers`."""
 GEARS: Final = {"forward": 1, "reverse": -1}
 
 

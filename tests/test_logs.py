@@ -1,4 +1,4 @@
-"""From log files to cases: what is understood, and what is told about it."""
+"""From log files to cases: what is understood, and what is reported about it."""
 
 from collections.abc import Callable
 

@@ -19,7 +19,7 @@ def _noisy(poses: np.ndarray, position: float, heading: float, seed: int = 0) ->
 
 
 def _at_standstill(count: int) -> np.ndarray:
-    """The drive with so many poses at each end and at the change of gear, 200 poses from the start."""
+    """The drive with `count` poses at each end and at the change of gear, 200 poses from the start."""
     return np.repeat(TRUCK, np.where(np.isin(np.arange(len(TRUCK)), [0, 200, len(TRUCK) - 1]), count, 1), axis=0)
 
 

@@ -1,4 +1,4 @@
-"""A command that is told to end, by whatever signal, tidies up, says so, and leaves no process behind."""
+"""A command that a signal ends tidies up, says so, and leaves no process behind."""
 
 import os
 import pathlib

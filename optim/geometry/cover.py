@@ -1,4 +1,4 @@
-"""Convex polygons that cover the occupied cells of a grid: every cell, few polygons, little area besides.
+"""Convex polygons that cover the occupied cells of a grid: every cell, few polygons, little free area.
 
 Two steps. *Rectangles*, which add nothing: each maximal run of occupied cells in a row or a column is widened as
 far as all cells beside it are occupied; the largest of these rectangles are taken until every cell is covered.
@@ -20,7 +20,7 @@ from optim.numerics.arrays import Array, IntArray, frozen
 
 CellRing = list[tuple[int, int]]
 
-_MOST_HULLS = 20_000  # looked at, some 2 s; in noise there is no end of them, and what is left may stay rectangles
+_MOST_HULLS = 20_000  # tried, some 2 s; noise has too many, and the rest may stay rectangles
 _MAX_SIDE = 30_000  # cells: what the products of coordinates below are safe for, and 900 million cells
 
 
@@ -36,7 +36,7 @@ def cover_cells(
         occupied: boolean grid, row 0 at the origin. Shape (H, W).
         resolution: side of a cell [m].
         origin: corner of cell (0, 0) [m] and direction of the rows [rad], (x, y, yaw).
-        max_extra: area that the polygons may cover besides, as a share of the occupied area.
+        max_extra: free area that the polygons may cover, as a share of the occupied area.
     """
     cells = np.ascontiguousarray(occupied, dtype=bool)
     if cells.ndim != 2 or max(cells.shape) > _MAX_SIDE:
@@ -112,7 +112,7 @@ def _neighbours(owner: NDArray[np.int32]) -> IntArray:
 
 
 def _pair_costs(a: IntArray, b: IntArray, raster: "_Raster") -> tuple[Array, NDArray[np.bool_]]:
-    """What the hull of two rectangles adds, for rows (x0, y0, x1, y1), and whether that is exact. Shape (P,).
+    """Area that the hull of two rectangles adds, for rows (x0, y0, x1, y1), and whether that is exact. Shape (P,).
 
     The hull is the common bounding box, each corner cut off by the line from the one rectangle's corner to the
     other's, unless one of them reaches into it. Other occupied cells in that box may fill what lies between: then it

@@ -15,7 +15,7 @@ from optim.model.problem import Problem
 from optim.model.vehicle import Vehicle
 
 LEAST_GAIN = 1e-6
-"""Relative decrease of J below which a candidate is no better."""
+"""Relative decrease of J below which a candidate does not count as better."""
 
 
 class Candidate(Protocol):

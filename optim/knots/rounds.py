@@ -49,7 +49,7 @@ _LIMIT_SLACK = 1e-4  # relative, of limits on steering, its rate and the hitch a
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class KnotSolution:
-    """What an optimiser at knots gives back."""
+    """Result of an optimiser at knots."""
 
     knots: Knots
     stop: Stop

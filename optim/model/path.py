@@ -20,7 +20,7 @@ from optim.numerics.arrays import Array, Float64, Int64, IntArray, data_frame, f
 from optim.numerics.kernel import kernel
 
 LENGTH_TOLERANCE = 1e-9
-"""Pieces shorter than this [m] are no pieces: below it, differences of coordinates carry no direction."""
+"""Pieces shorter than this [m] are dropped: below it, differences of coordinates carry no direction."""
 STEER_TOLERANCE = 1e-6
 """Steering angles that differ by no more are the same [rad]: the flat map and back keeps ten digits."""
 

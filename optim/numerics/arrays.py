@@ -35,7 +35,7 @@ def frozen(values: ArrayLike) -> Array:
 
 
 def frozen_int(values: ArrayLike) -> IntArray:
-    """As `frozen`, in int64."""
+    """A C-contiguous read-only int64 view or copy; see `frozen`."""
     view = np.ascontiguousarray(values, dtype=np.int64).view()
     view.flags.writeable = False
     return view

@@ -32,7 +32,7 @@ from optim.planning.protocol import (
 from optim.steering.flat import Flat
 
 _STEP = 0.1  # [m]: step of the closed loop and of its samples, what the audit asks for
-_SETTLED = 0.5  # [m]: shorter drives are no edges
+_SETTLED = 0.5  # [m]: shorter drives are not edges
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,1 +1,1 @@
-"""What all rooms of the package share; imports nothing of them."""
+"""Modules that all rooms of the package share; they import none of the rooms."""

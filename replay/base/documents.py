@@ -97,7 +97,7 @@ def convert(data: object, kind: type[Kind], at: str = "", *, exact: bool = False
     except msgspec.ValidationError as error:
         raise DocumentError(_line(str(error), data, kind, at)) from None
     except UnicodeEncodeError:  # a key with half a surrogate pair
-        raise DocumentError(f"{at or 'the document'}: a key is no valid text") from None
+        raise DocumentError(f"{at or 'the document'}: a key is not valid text") from None
 
 
 def plain(value: Any) -> Any:
@@ -131,7 +131,7 @@ def plain(value: Any) -> Any:
 def to_bytes(value: Any) -> bytes:
     """A document as UTF-8 JSON of one line: sorted keys, floats so that they come back bit for bit."""
     text = json.dumps(plain(value), sort_keys=True, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    # A file name that is no valid UTF-8 reaches us with lone surrogates; in JSON these are escapes.
+    # A file name that is not valid UTF-8 arrives with lone surrogates; in JSON these are escapes.
     return text.encode("utf-8", errors="backslashreplace") + b"\n"
 
 
@@ -144,7 +144,7 @@ class _Part(NamedTuple):
     place: str
     value: Any
     kind: Any
-    """What is expected there."""
+    """Type expected there."""
 
 
 _MESSAGE = re.compile(r"(?P<what>.*?)(?: - at `\$(?P<at>.*)`)?", re.DOTALL)

@@ -101,7 +101,7 @@ def _version() -> str:
 
 
 def _missing(error: MissingArgumentError, command: Sequence[str]) -> str:
-    """What is expected where an argument is missing, with an example."""
+    """Message for a missing argument: what is expected, with an example."""
     if error.argument is None or not command:
         return str(error)
     name = error.argument.name

@@ -84,7 +84,7 @@ def optimize(
         memory_limit and jobs stand outside of tables.
     from_
         Results file of an earlier run, which is run again: the same log, checked by its digest, with the same
-        options. Options that are given besides replace those.
+        options. Options given in addition replace those.
     """
     layers: list[Layer] = [] if config is None else [layer_of_file(config)]
     layers.append(layer_of_flags(run, reading, weights, options))
@@ -105,7 +105,7 @@ def optimize(
 
 
 def _live(voice: Voice, view: bool, viewer: str | None, settings: Settings) -> LiveView | None:
-    """What shows the run while it goes on, if that is asked for and there is a viewer."""
+    """The live view of the run, if it is requested and there is a viewer."""
     if not (view or viewer):
         return None
     try:

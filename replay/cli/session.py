@@ -1,4 +1,4 @@
-"""What `replay optimize` does: log by log and case by case, with whatever fails kept to itself."""
+"""The work of `replay optimize`: log by log and case by case; a failure of one does not affect the others."""
 
 import dataclasses
 import pathlib
@@ -27,7 +27,7 @@ from replay.run.results import audit_document
 
 @dataclasses.dataclass(kw_only=True)
 class LogEntry:
-    """What became of one log."""
+    """Outcome of one log."""
 
     log: str
     error: str | None = None
@@ -39,7 +39,7 @@ class LogEntry:
     cases: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     """One for each case that was run, for the JSON document."""
     files: list[str] = dataclasses.field(default_factory=list)
-    """What was written of the log as a whole."""
+    """Files written for the log as a whole."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

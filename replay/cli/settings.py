@@ -1,4 +1,4 @@
-"""What `replay optimize` is to do, from three places: its flags, a configuration file, an earlier run.
+"""Settings of `replay optimize`, from three places: its flags, a configuration file, an earlier run.
 
 Each place gives a layer: group -> option -> value, for those options alone that it names. The groups are the methods
 by name, `weights`, `reading`, and the empty name for what concerns the whole run. Layers are merged once, the more
@@ -77,7 +77,7 @@ class Settings:
 
     run: RunOptions
     methods: Mapping[str, Method]
-    """Those to run, in this order: methods and chains of methods."""
+    """Methods and chains of methods to run, in this order."""
     read: ReadOptions
     weights: Weights
 
@@ -129,7 +129,7 @@ def _method(name: str, plain: Method, values: Mapping[str, Any], seed: int) -> M
 
 
 def layer_of_flags(run: Any, reading: Any, weights: Any, methods: Any) -> Layer:
-    """What was given as flags; each argument is an instance of the class of its flags, or None."""
+    """Layer of the flags that were given; each argument is an instance of the class of its flags, or None."""
     layer = {RUN: given(run), READ: given(reading)}
     layer[WEIGHTS] = given(getattr(weights, WEIGHTS, None))
     layer |= {name: given(getattr(methods, name, None)) for name in METHODS}

@@ -13,12 +13,12 @@ Command = TypeVar("Command", bound=Callable[..., int])
 
 
 class ExitStatus(enum.IntEnum):
-    """What a command's exit status says."""
+    """Meaning of a command's exit status."""
 
     OK = 0
     """All well."""
     SHORT = 1
-    """It ran, and something fell short: a method failed, an audit failed."""
+    """The command ran, but a method or an audit failed."""
     USAGE = 2
     """Wrong usage, or nothing among the inputs that can be used."""
     PARTIAL = 3
@@ -61,7 +61,7 @@ _EXAMPLES = {
 
 
 def example(command: str) -> str:
-    """How a command, such as `regress accept`, is called."""
+    """Example call of a command, such as `regress accept`."""
     return to_paste(*_EXAMPLES.get(command, f"{command} --help").split())
 
 

@@ -18,7 +18,7 @@ _SIMPLIFY = 0.01  # [m]: nobody sees a centimetre, and a path shrinks to a tenth
 
 
 class Frame(NamedTuple):
-    """What a view shows, an axis-parallel rectangle [m]."""
+    """Extent of a view, an axis-parallel rectangle [m]."""
 
     x0: float
     y0: float
@@ -71,7 +71,7 @@ def frame_around(scene: Scene, areas: Iterable[BaseGeometry]) -> Frame:
 
 
 def fill(geometry: BaseGeometry, frame: Frame, resolution: float) -> np.ndarray:
-    """Which cells of the frame have their centre inside the geometry, row 0 at the bottom. Shape (H, W), bool.
+    """Mask of the frame's cells with their centre inside the geometry, row 0 at the bottom. Shape (H, W), bool.
 
     Even-odd rule: each edge flips every cell to the right of where it crosses the row's centre line.
     """

@@ -1,4 +1,4 @@
-"""What belongs to each path in the plan view: the path, the swept ground, the moving vehicle, distances, failures."""
+"""Parts of each path in the plan view: the path, the swept ground, the moving vehicle, distances, failures."""
 
 import math
 from collections.abc import Iterable
@@ -21,14 +21,14 @@ from replay.recording.text import measured, number, plain
 from replay.recording.tracks import PROGRESS, Track
 from replay.run.case import Case
 
-WHISKER_FROM: Final = 3.0  # [m]: farther obstacles are no news
+WHISKER_FROM: Final = 3.0  # [m]: farther obstacles do not matter
 STRAY_FROM: Final = 0.01  # [m]: logged poses nearer to the path than this lie on its line
 _LABEL_SIZE: Final = 0.15  # of a frame: labels nearer to each other may overlap in a small panel
 _MOST_POSES: Final = 5000  # as dots; a log of hours must not grow the file
 
 
 class Stroke(NamedTuple):
-    """How a path is drawn."""
+    """Width and draw order of a path's line."""
 
     width: float  # in the viewer's points
     order: float  # what is drawn over what

@@ -1,4 +1,4 @@
-"""What is drawn of each path: rows at which it is shown, their place on the timelines, distances, swept area."""
+"""Drawing data of each path: rows at which it is shown, their place on the timelines, distances, swept area."""
 
 import dataclasses
 import itertools
@@ -54,7 +54,7 @@ class Track:
     nearest: Array
     """The two points that are that far apart, on the body and on the obstacle. Shape (R, 2, 2)."""
     run: MethodRun | None = None
-    """What the method made of the case; None for the recorded path."""
+    """Outcome of the method on the case; None for the recorded path."""
 
     @property
     def is_own(self) -> bool:

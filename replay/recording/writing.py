@@ -143,7 +143,7 @@ def _log_reports(rec: rr.RecordingStream, run: Run, tracks: list[Track], best: T
 
 
 def _send_properties(rec: rr.RecordingStream, run: Run, tracks: list[Track], best: Track | None) -> None:
-    """What a table of many recordings sorts by."""
+    """Columns that a table of many recordings sorts by."""
     before, after = run.recorded_metrics, (best or tracks[0]).metrics
     rec.send_recording_name(plain(run.case.name))
     properties = rr.AnyValues(

@@ -37,7 +37,7 @@ def markdown(run: RunData) -> str:
 
 
 def _extent(run: RunData) -> list[str]:
-    """What a run leaves out by request or for lack of time, and which options it changes."""
+    """Notes on an unfinished or partial run, and on changed options."""
     parts = []
     if not run.head.complete:
         parts.append("**Unfinished:** this is what there is so far.")

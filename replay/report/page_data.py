@@ -28,7 +28,7 @@ class ChangeLine:
     href: str | None
     """Link to the case's recording, where there is one."""
     unwritten: str
-    """Why the recording could not be written."""
+    """Reason why the recording could not be written."""
     difference: str
     sort: float | None
     """Sort key of the column of differences."""

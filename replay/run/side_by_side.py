@@ -22,7 +22,7 @@ from replay.run.stored import run_of
 COMPARE_ERROR: Final = "E_COMPARE"
 RECORDED: Final = "recorded"
 QUANTITIES: Final = ("objective", "length", "cusps", "steering_variation", "min_clearance", "wall_s")
-"""What is compared, in this order: names of `optim.model.metrics.UNITS`, and the method's time [s]."""
+"""Quantities compared, in this order: names of `optim.model.metrics.UNITS`, and the method's time [s]."""
 _SAME: Final = 1e-6
 """Coordinates and dimensions that differ by less are the same [m, rad]: a file keeps every digit, a log may not."""
 
@@ -76,7 +76,7 @@ class Pair:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SideBySide:
-    """What was found."""
+    """Result of the comparison: both sides, pairs of methods, notes."""
 
     a: Side
     b: Side
@@ -89,7 +89,7 @@ def compare(a: str, b: str) -> SideBySide:
     """Compare `FILE[:METHOD]` with `FILE[:METHOD]`; of the second one, `:METHOD` alone is of the first one's file.
 
     A file alone stands for all of its methods, or, beside a method, for the same method. Raises ReplayError: E_COMPARE
-    where scenes, vehicles or requests differ or a method is not there, E_RESULTS for what is no results file.
+    where scenes, vehicles or requests differ or a method is not there, E_RESULTS for anything but a results file.
     """
     first = _side(a, None)
     second = _side(b, first)
@@ -117,9 +117,9 @@ def compare(a: str, b: str) -> SideBySide:
 
 
 def _side(text: str, first: Side | None) -> Side:
-    """What `FILE[:METHOD]` names; a file whose own name has a colon counts as a file."""
+    """The run that `FILE[:METHOD]` names; a file whose own name has a colon counts as a file."""
     path, method = text, ""
-    if not os.path.exists(text):  # noqa: PTH110 - a name with a zero byte is no path at all
+    if not os.path.exists(text):  # noqa: PTH110 - a name with a zero byte is not a path
         path, _, method = text.rpartition(":")
         path, method = (path, method) if ":" in text else (text, "")
     if not path and first is not None:

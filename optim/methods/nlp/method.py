@@ -157,7 +157,7 @@ class _Announcer:
         self._before: Array | None = None
 
     def __call__(self, x: Array, g: Array, stats: dict[str, Any]) -> None:
-        """Announce the knots in the unknowns `x`, unless they are no path."""
+        """Announce the knots in the unknowns `x`, unless they do not form a path."""
         problem, knots = self.ipopt.problem, knots_at(x, self.like, self.ipopt.units)
         if not np.isfinite(x).all() or (knots.h[knots.gear != 0] <= 0.0).any():
             return
@@ -178,7 +178,7 @@ class _Announcer:
         )
 
     def _residuals(self, g: Array, stats: dict[str, Any]) -> dict[str, float]:
-        """What decides when IPOPT ends: its dual infeasibility, and the constraints as they are stated.
+        """Residuals that decide when IPOPT ends: its dual infeasibility, and the constraints as stated.
 
         Its own figure for the constraints includes the slacks, which it mends only after the last iterate: 7e-2 was
         seen where the constraints held to 3e-10.

@@ -223,7 +223,7 @@ class Convexification:
         return Penalty(weight, step.multipliers, clearance)
 
     def _optimality(self, point: Point, predicted: float, actual: float, size: float) -> float:
-        """What is left to gain over what may be left: at most 1 where the loop has converged.
+        """Remaining gain, divided by the tolerance on it: at most 1 where the loop has converged.
 
         Either the model has nothing to offer, or the step was small and did what it promised.
         """
@@ -235,7 +235,7 @@ class Convexification:
     def _iterate(
         self, point: Point, optimality: float, step: SubproblemSolution | None, accepted: bool, radius: float
     ) -> partial[Iterate]:
-        """What there is to say of a point, reached by a step or by polishing alone."""
+        """The iterate at a point, reached by a step or by polishing alone."""
         residuals = {
             "optimality": optimality,
             "defect": float(np.abs(point.defects).max()) / self.options.feasibility,

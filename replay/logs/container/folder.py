@@ -28,7 +28,7 @@ def open_log(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], li
     """Read a log, a file or a folder of rosbag2's, and keep the messages of wanted channels.
 
     Raises:
-        LogError: as `scan` does, or a folder that is no bag.
+        LogError: as `scan` does, or a folder that is not a bag.
     """
     path = Path(path)
     if not path.is_dir():

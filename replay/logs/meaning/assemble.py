@@ -144,7 +144,7 @@ class _CaseReader:
         if not cases:
             raise errors[0]
         repeated = len(self.truck.messages) - number
-        notes = [f"{repeated} path messages repeat an earlier one and are no requests of their own"] if repeated else []
+        notes = [f"{repeated} path messages repeat an earlier one and are not separate requests"] if repeated else []
         notes += [f"a request could not be used: {error.message}" for error in errors[:5]]
         lost = self.log.lost or bool(errors)
         return [_with_notes(case, (*self.notes, *notes), lost) for case in cases]

@@ -147,7 +147,7 @@ def at_poses(angles: Angles, recorded: RecordedPoses, series: PoseSeries, log_ti
     """Hitch angles at the kept poses (n,), or only the one at the time of a path that was planned as a whole.
 
     Raises:
-        Refusal: the samples end before the path does, or an angle is no hitch angle.
+        Refusal: the samples end before the path does, or an angle is not a hitch angle.
     """
     values = np.unwrap(angles.values)
     count = len(series.poses)

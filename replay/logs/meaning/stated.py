@@ -1,4 +1,4 @@
-"""What a path message states beside its poses, and the reference point of its poses on the truck.
+"""Statements of a path message beside its poses, and the reference point of its poses on the truck.
 
 Stated are the gear, by the sign of the speed, and the angle of the front wheel.
 """
@@ -17,7 +17,7 @@ from replay.logs.meaning.recorded_poses import RecordedPoses, headings_missing, 
 from replay.logs.messages.types import PoseSeries
 
 CONTRADICTED = 0.5
-"""Travel from which a motion against the stated gear is no noise [m]."""
+"""Travel from which a motion against the stated gear is not noise [m]."""
 NOTED_STEER = 0.05
 """Least difference between stated and fitted steering angles that gets a note [rad]."""
 

@@ -86,7 +86,7 @@ def joint(tree: MessageTree) -> tuple[Joints, ...]:
 
 
 def grid(tree: MessageTree) -> Grid:
-    """`foxglove.Grid`. Raises PayloadError where it is no grid of square cells that say how occupied they are."""
+    """`foxglove.Grid`. Raises PayloadError unless it is a grid of square cells with an occupancy."""
     x, y = tree["cell_size"] or (0.0, 0.0)
     if not abs(x - y) <= 1e-6 * abs(x):
         raise PayloadError(f"its cells have {x:g} by {y:g} m, expected squares")
@@ -135,7 +135,7 @@ def _occupancy(values: NDArray) -> NDArray[np.int8]:
         known = np.isfinite(values) & (values >= 0.0)
         if not (np.isnan(values) | (values == -1.0) | (known & (values <= 1.0))).all():
             raise PayloadError(
-                "its cells hold numbers that are no probabilities: expected 0 to 1, or -1 or NaN: unknown"
+                "its cells hold numbers that are not probabilities: expected 0 to 1, or -1 or NaN: unknown"
             )
         found = np.where(known, np.rint(np.where(known, values, 0.0) * 100.0), -1.0).astype(np.int8)
     else:

@@ -28,7 +28,7 @@ def decode_json(name: str, data: bytes) -> dict[str, Any]:
     try:
         tree = parse_json(text)
     except JsonError as error:
-        raise PayloadError(f"the message is no JSON that can be used: {printable(str(error), 200)}") from None
+        raise PayloadError(f"the message is not usable JSON: {printable(str(error), 200)}") from None
     return _JsonReader().message(tree, name, name)
 
 

@@ -51,7 +51,7 @@ def descriptor_of(name: str, definition: bytes) -> Descriptor:
     """The descriptor of message `name` that a FileDescriptorSet defines, in a pool of its own.
 
     Raises:
-        DefinitionError: it is no such set, is over a limit, or does not define the message.
+        DefinitionError: it is not such a set, is over a limit, or does not define the message.
     """
     if len(definition) > MAX_SET:
         raise DefinitionError(f"the descriptors have {len(definition)} bytes, at most {MAX_SET} are read")
