@@ -16,7 +16,7 @@ help:  ## list the targets
 
 setup: $(MADE)  ## make the environment (every other target does this when it is needed)
 
-# Made anew when what is to be installed changes. Versions are those of constraints.txt.
+# Rebuilt when what is to be installed changes. Versions are those of constraints.txt.
 $(MADE): pyproject.toml constraints.txt
 	@for python in $(PYTHON) python3 python3.13 python3.12 python3.11 ''; do \
 	    "$$python" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && break; \
@@ -41,7 +41,7 @@ $(DEV): $(MADE)
 demo: $(MADE)  ## improve a recorded path and write the comparison to out/
 	$(BIN)/replay optimize recordings/bay_01.mcap --out out
 	@echo
-	@echo "Look at it:  $(BIN)/rerun out/bay_01.rrd"
+	@echo "Open it with: $(BIN)/rerun out/bay_01.rrd"
 
 test: $(DEV)  ## run the tests
 	$(BIN)/python -m pytest $(SPREAD)

@@ -1,0 +1,1 @@
+"""Mathematics of driven paths: arrays in, arrays out."""

@@ -40,7 +40,7 @@ JOBS: Final = 2
 File = str | os.PathLike[str]
 MethodLike = str | Method | Mapping[str, Method]
 Solver = Workers | InTurn
-"""What runs methods, and may be kept open over several cases; see `open_workers`."""
+"""Runner of methods, which may be kept open over several cases; see `open_workers`."""
 GEARS: Final = {"forward": 1, "reverse": -1}
 
 
@@ -133,7 +133,7 @@ def optimize(
         case = with_weights(case, weights)
     _prepared()
     shown = progress if isinstance(progress, Progress) else Progress(enabled=progress)
-    watched = _Watched(case.name, shown, on_iterate, on_start, on_end)
+    watched = _Watch(case.name, shown, on_iterate, on_start, on_end)
     with one_thread(), nullcontext(workers) if workers else open_workers(limits, jobs) as solver, shown:
         shown.show(case.name, "measuring the recorded path")
         return run_case(
@@ -153,7 +153,7 @@ def with_weights(case: Case, weights: Weights) -> Case:
     return dataclasses.replace(case, problem=dataclasses.replace(case.problem, weights=weights))
 
 
-class _Watched:
+class _Watch:
     """Passes on what happens to the methods of a case, and shows it as progress."""
 
     def __init__(

@@ -263,7 +263,7 @@ ALONE: dict[str, Damage] = {
         "objective",
     ),
     "an objective that is missing": (put(None, "reported_objective"), "objective"),
-    "an objective that is no number": (put(math.nan, "reported_objective"), "objective"),
+    "an objective that is not a number": (put(math.nan, "reported_objective"), "objective"),
     "an objective with other weights": (put(4.0, "weights", "rate"), "objective"),
     "segments that do not meet": (second_segment_shifted, "joints"),
     "an obstacle in the way": (obstacle_moved_into_path, "clearance"),

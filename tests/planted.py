@@ -31,7 +31,7 @@ class Worse:
 
 @dataclass(frozen=True, kw_only=True)
 class Loose:
-    """Keeps less clearance than it is told to."""
+    """Keeps less clearance than required."""
 
     by: float
     """[m]"""

@@ -99,7 +99,7 @@ def _split(segment: Segment, at: int) -> tuple[Segment, Segment]:
 
 
 class Prepared:
-    """A method that hands over what it was given; no dataclass, since its fields are no options."""
+    """A method that hands over what it was given; not a dataclass, since its fields are not options."""
 
     def __init__(
         self,
@@ -123,7 +123,7 @@ class Prepared:
 
 
 class Iterative:
-    """A method as SCP is one: accepted steps with residuals, a trust region and solver times, and trials turned down.
+    """A method as SCP is one: accepted steps with residuals, a trust region and solver times, and rejected trials.
 
     Every third iteration is such a trial; its path and its J are the result's, which nothing should show early.
     """
@@ -207,7 +207,7 @@ def case(
 
 
 def make_run(methods: Mapping[str, Method] | None = None, **case_options: object) -> Run:
-    """A run of the prepared methods; one that improves the path unless told otherwise."""
+    """A run of the prepared methods; one that improves the path by default."""
     chosen = methods if methods is not None else {"shortcut": Prepared(manoeuvre(8.0, 0.34), towards((8.0, 0.34), 8))}
     run = run_case(case(**case_options), chosen)  # pyright: ignore[reportArgumentType]
     return dataclasses.replace(run, options={name: {"attempts": 200, "spacing": 0.05} for name in chosen})

@@ -57,7 +57,7 @@ class Contents:
 
 
 def names_in_blueprint(path: pathlib.Path) -> set[str]:
-    """Of all containers and views."""
+    """Names of all containers and views."""
     reader = RrdReader(path)
     (store,) = reader.blueprints()
     batches = [chunk.to_record_batch() for chunk in reader.stream(store=store)]

@@ -24,7 +24,7 @@ from tools.regress.same import timeless
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 RECORDINGS = ROOT / "recordings"
 LENGTHS = {"bay_01": 71.33, "bay_02": 84.78}
-"""Of the recorded paths of the class bay [m]."""
+"""Length of the recorded paths of the class bay [m]."""
 
 
 def make_corpus(folder: pathlib.Path, names: Iterable[str] = ("bay_01", "bay_02", "dock_01"), more: str = "") -> str:

@@ -147,7 +147,7 @@ def write_run(
 
 
 def logs(count: int = 8) -> list[dict[str, Any]]:
-    """The results of so many logs, a quarter of each class."""
+    """The results of `count` logs, a quarter of each class."""
     return [log(f"{CLASSES[i % 4]}_{i:02d}", i) for i in range(count)]
 
 

@@ -21,7 +21,7 @@ TWICE = Chain(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Told:
-    """A method that notes the problem it is given, tells its start and a trial, and gives back what it began with."""
+    """A method that notes its problem, announces its start and a trial, and returns the path it began with."""
 
     problems: list[Problem] = dataclasses.field(default_factory=list)
     stop: Stop = Stop.CONVERGED

@@ -14,8 +14,8 @@ import replay.cli
 from replay.base.documents import plain
 from replay.base.errors import ReplayError
 from replay.base.style import lighter, styles
-from replay.run.compare import compare, overlay
 from replay.run.results import read_results, to_document
+from replay.run.side_by_side import compare, overlay
 from replay.run.stored import run_of
 
 

@@ -81,7 +81,7 @@ def test_absent_checksums_are_allowed(scanned: Callable[..., Log]) -> None:
     assert not log.findings
 
 
-# ---- files that are no logs
+# ---- files that are not logs
 
 
 @pytest.mark.parametrize(

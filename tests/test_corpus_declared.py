@@ -13,7 +13,7 @@ from replay.regress.corpus import CorpusLog, find_corpus
 from replay.regress.job import Job, run_job
 from replay.regress.options import Options
 from replay.report.facts import acceptable
-from replay.report.reading import read_run
+from replay.report.run_files import read_run
 from replay.run.limits import NO_LIMITS
 from replay.run.solving import InTurn
 

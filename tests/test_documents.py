@@ -156,7 +156,7 @@ def test_what_is_no_toml_is_said_in_one_line(tmp_path: pathlib.Path, content: by
 
 
 def test_keys_and_texts_that_are_half_a_character_do_no_harm() -> None:
-    with pytest.raises(DocumentError, match="a key is no valid text"):
+    with pytest.raises(DocumentError, match="a key is not valid text"):
         parse_json(r'{"\ud800": 1}', Run)
     assert parse_json(r'{"methods": [{"name": "\udcff"}]}', Run).methods[0].name == "\udcff"
 

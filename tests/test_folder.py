@@ -144,7 +144,7 @@ def test_other_folders_are_refused(bag: pathlib.Path, tmp_path: pathlib.Path) ->
     error = error_of(bag)
     assert (error.code, "metadata.yaml cannot be read" in str(error)) == ("E_METADATA", True)
     (bag / METADATA).unlink()
-    error = error_of(bag)  # two logs beside each other are no recording in parts
+    error = error_of(bag)  # two logs beside each other are not a recording in parts
     assert (error.code, "without metadata.yaml" in str(error)) == ("E_NOT_A_FILE", True)
     empty = tmp_path / "empty"
     empty.mkdir()

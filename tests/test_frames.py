@@ -1,4 +1,4 @@
-"""Frames that differ, and hitch angles from what is no path: joints and transforms."""
+"""Frames that differ, and hitch angles from other sources than paths: joints and transforms."""
 
 import tracemalloc
 from collections.abc import Callable

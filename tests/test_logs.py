@@ -1,4 +1,4 @@
-"""From log files to cases: what is understood, and what is told about it."""
+"""From log files to cases: what is understood, and what is reported about it."""
 
 from collections.abc import Callable
 
@@ -9,9 +9,9 @@ from shapely import Polygon, union_all
 
 from optim.model.vehicle import Vehicle
 from replay.base.errors import LogError
-from replay.logs.meaning.motion import heading_from_motion
+from replay.logs.meaning.noisy_motion import heading_from_motion
 from replay.logs.meaning.pairing import hitch_misfit, trailer_at_poses
-from replay.logs.meaning.poses import recorded_poses
+from replay.logs.meaning.recorded_poses import recorded_poses
 from replay.logs.messages.types import Header, PoseSeries
 from replay.run.case import Case
 

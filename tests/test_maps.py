@@ -77,7 +77,7 @@ def test_markers_that_cover_no_ground_are_no_obstacles(read: Read) -> None:
     log = make.LogMaker().vehicle().add("/walls", make.markers(BOX, *nothing), 1)
     (case,) = read(log.add("/truck", make.path(TRUCK), 2))
     assert len(case.problem.scene.polygons) == 1
-    assert any("markers that are no obstacles: 3, above the height limit" in note for note in case.read.notes)
+    assert any("markers that are not obstacles: 3, above the height limit" in note for note in case.read.notes)
 
 
 def test_a_marker_that_was_never_turned_is_not_turned(read: Read) -> None:

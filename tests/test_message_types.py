@@ -262,7 +262,7 @@ def test_polygons_of_one_moment_are_one_map_and_later_ones_replace_it(read: Read
     first, second = read(maker)
     covered = union_all([Polygon(part) for part in first.problem.scene.polygons])
     assert covered.symmetric_difference(union_all([Polygon(square), Polygon(arrow)])).area < 1e-9
-    assert any("polygons that are no obstacles: 1" in note for note in first.read.notes)
+    assert any("polygons that are not obstacles: 1" in note for note in first.read.notes)
     assert [len(case.problem.scene.polygons) for case in (first, second)] == [3, 1]
     assert first.frame == "map"
 

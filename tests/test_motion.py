@@ -7,8 +7,8 @@ from paths import random_path
 from scipy.spatial import KDTree
 
 from optim.model.vehicle import Vehicle
-from replay.logs.meaning.motion import groups, noise_of, rough_chain, signed_travel, turning_points
-from replay.logs.meaning.poses import recorded_poses
+from replay.logs.meaning.noisy_motion import groups, noise_of, rough_chain, signed_travel, turning_points
+from replay.logs.meaning.recorded_poses import recorded_poses
 
 TRUCK, FINE = make.drive(step=0.1)[0], make.drive(step=0.005)[0]
 
@@ -19,7 +19,7 @@ def _noisy(poses: np.ndarray, position: float, heading: float, seed: int = 0) ->
 
 
 def _at_standstill(count: int) -> np.ndarray:
-    """The drive with so many poses at each end and at the change of gear, 200 poses from the start."""
+    """The drive with `count` poses at each end and at the change of gear, 200 poses from the start."""
     return np.repeat(TRUCK, np.where(np.isin(np.arange(len(TRUCK)), [0, 200, len(TRUCK) - 1]), count, 1), axis=0)
 
 

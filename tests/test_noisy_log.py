@@ -47,7 +47,7 @@ def _cells() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def noisy_case(tmp_path_factory: pytest.TempPathFactory) -> Case:
-    """Of a log with an OccupancyGrid and a Path every 0.5 m with 2 cm and 0.3 degrees of noise, and nothing else."""
+    """Case of a log of an OccupancyGrid and a Path alone, every 0.5 m with 2 cm and 0.3 degrees of noise."""
     file = tmp_path_factory.mktemp("noisy") / "noisy.mcap"
     make.LogMaker().add("/map", make.grid(_cells()), 1).add("/plan", make.path(_noisy(TRUTH)), 2).write(file)
     (case,) = read_cases(file)

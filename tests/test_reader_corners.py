@@ -166,7 +166,7 @@ def test_a_message_at_no_time_is_refused(refusal: Refusal) -> None:
     log.messages[-1] = (*log.messages[-1][:-1], 1 << 63)
     error = refusal(log)
     assert error.code == "E_TIME"
-    assert "log time 9223372036854775808 ns is no time" in str(error)
+    assert "log time 9223372036854775808 ns is not a time" in str(error)
 
 
 def test_vehicles_that_differ_leave_open_which_one_is_meant(read: Read, refusal: Refusal) -> None:

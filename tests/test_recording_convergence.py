@@ -5,7 +5,7 @@ import pytest
 import recording_factory as factory
 from recording_reading import Contents, written
 
-from replay.recording.summary import convergence_help
+from replay.recording.overview import convergence_help
 from replay.recording.tracks import tracks_of
 from replay.run.outcome import Run
 
@@ -18,7 +18,7 @@ def test_violations_are_plotted_only_of_methods_that_have_any(five_read: Content
 
 @pytest.fixture(scope="module")
 def iterative() -> Run:
-    """SCP as it tells of itself, and a chain that ends with it."""
+    """SCP as it reports itself, and a chain that ends with it."""
     steps = factory.towards((8.0, 0.34), 8)
     methods = {
         "scp": factory.Iterative(steps[-1], steps[:-1]),
@@ -82,8 +82,8 @@ def test_a_rise_of_j_is_explained_where_a_method_began_anew(iterative: Run, iter
     explanation = "a method started again"
     assert explanation not in iterative_read.text("/report/convergence")
     steps = factory.towards((8.0, 0.34), 4)
-    anew = factory.make_run({"scp": factory.Iterative(steps[-1], [*steps[:-1], *steps[:-1]])})
-    assert explanation in convergence_help(tracks_of(anew))
+    repeated = factory.make_run({"scp": factory.Iterative(steps[-1], [*steps[:-1], *steps[:-1]])})
+    assert explanation in convergence_help(tracks_of(repeated))
 
 
 def test_a_chain_has_entities_under_its_whole_name(iterative_read: Contents) -> None:

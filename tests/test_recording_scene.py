@@ -10,7 +10,7 @@ from logs_maker import drive, log_of, path, read_log, shifted, yard
 from recording_reading import Contents, names_in_blueprint, written
 
 from optim.model.scene import make_scene
-from replay.recording import scene
+from replay.recording import plan_view
 from replay.recording.picture import frame_around, swept_area
 from replay.run.judge import run_case
 from replay.run.outcome import Run
@@ -60,7 +60,7 @@ def test_of_very_many_poses_some_are_drawn_from_end_to_end(
     tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run, logged = run_of_log(tmp_path, 0.02)
-    monkeypatch.setattr(scene, "_MOST_POSES", 20)
+    monkeypatch.setattr(plan_view, "_MOST_POSES", 20)
     places = drawn(Contents(written(run, tmp_path)))
     assert 10 < len(places) <= 20
     np.testing.assert_allclose(places[0], logged[0, :2], atol=1e-4)

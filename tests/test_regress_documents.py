@@ -9,7 +9,7 @@ import run_maker as maker
 from replay.cli import main
 from replay.report import make_report
 from replay.report.history import trend
-from replay.report.reading import read_run
+from replay.report.run_files import read_run
 
 HUGE = "1" + "0" * 400
 

@@ -9,9 +9,9 @@ from optim.model.problem import path_clearance
 from optim.model.scene import Scene, make_scene
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array
-from replay.logs.meaning.checks import check_fit
 from replay.logs.meaning.planar import Refusal
-from replay.logs.meaning.poses import RecordedPoses, recorded_poses
+from replay.logs.meaning.plausibility import check_fit
+from replay.logs.meaning.recorded_poses import RecordedPoses, recorded_poses
 from replay.logs.meaning.repair import repaired
 
 VEHICLE = Vehicle()

@@ -14,7 +14,7 @@ from replay.report import make_report
 from replay.report.facts import cost_ratio, figures, headline, profiles, state
 from replay.report.groups import gravest, groups
 from replay.report.html import page
-from replay.report.reading import read_run
+from replay.report.run_files import read_run
 
 HOSTILE = "<img src=x onerror=alert(1)>\"'\x1b[2J\u202e|`[x](javascript:alert(1)) @all ]]>\ud800"
 

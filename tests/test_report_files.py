@@ -19,7 +19,7 @@ from replay.report.history import trend
 from replay.report.html import page
 from replay.report.junit import junit
 from replay.report.markdown import markdown
-from replay.report.reading import read_run
+from replay.report.run_files import read_run
 
 # ---- the other formats
 

@@ -12,7 +12,7 @@ from replay.regress.finish import judge
 from replay.regress.folder import RunFolder
 from replay.report.facts import headline
 from replay.report.groups import failing_lines, groups, notable
-from replay.report.reading import read_run
+from replay.report.run_files import read_run
 from replay.run.solving import solve
 
 

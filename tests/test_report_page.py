@@ -10,7 +10,7 @@ from replay.report import make_report
 from replay.report.charts import drift_chart
 from replay.report.history import trend
 from replay.report.html import page
-from replay.report.reading import read_run
+from replay.report.run_files import read_run
 
 
 def text_of(folder: pathlib.Path) -> str:

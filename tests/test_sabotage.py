@@ -15,7 +15,7 @@ from tools.saboteur.claims import KINDS, Claim, Kind, as_json, claim_of
 from tools.saboteur.trial import passes_without, report_of, spoiled, trial
 
 SEEDS = 2
-"""Of each kind; `tools/sabotage.py` spoils results of real logs with a hundred."""
+"""Results spoiled in each way; `tools/sabotage.py` spoils results of real logs with a hundred."""
 
 
 @pytest.fixture(scope="module")

@@ -223,7 +223,7 @@ def test_a_log_beside_its_results_is_found_and_a_lost_one_is_asked_for(results, 
     moved = tmp_path / "yard.results.json"
     moved.write_text(json.dumps(document))
     assert run("optimize", "--from", moved, "--no-recording", "--out", tmp_path / "b") == 2
-    assert "give the log's place besides" in capsys.readouterr().err
+    assert "give the path of the log as well" in capsys.readouterr().err
     shutil.copy(log, tmp_path)
     assert run("optimize", "--from", moved, "--no-recording", "--out", tmp_path / "b") == 0
 

@@ -1,4 +1,4 @@
-"""A command that is told to end, by whatever signal, tidies up, says so, and leaves no process behind."""
+"""A command that a signal ends tidies up, says so, and leaves no process behind."""
 
 import os
 import pathlib
@@ -12,7 +12,7 @@ import pytest
 from logs_maker import sound_log
 
 import replay.cli
-from replay.cli.signals import like_ctrl_c
+from replay.cli.interrupts import like_ctrl_c
 from replay.cli.usage import ExitStatus
 from tools.processes import REPLAY, is_running
 
@@ -21,10 +21,10 @@ RUN = """
     import pathlib, sys
     sys.path.insert(0, sys.argv[1])
     from test_session import Sleeps, session
-    from replay.cli import signals
+    from replay.cli import interrupts
 
     log, out = pathlib.Path(sys.argv[2]), pathlib.Path(sys.argv[3])
-    with signals.like_ctrl_c() as ending:
+    with interrupts.like_ctrl_c() as ending:
         status = session(out, {"sleeps": Sleeps(begun=out.parent / "begun")}, [log]).run([log])
     sys.exit(ending.status(status))
 """

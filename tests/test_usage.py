@@ -1,4 +1,4 @@
-"""What a user is told who calls a command wrongly: what is expected, with an example."""
+"""Messages about wrong usage: what is expected, with an example."""
 
 import shlex
 import subprocess

@@ -111,7 +111,7 @@ def test_when_time_is_up_the_best_iterate_that_passes_the_audit_is_the_result(ho
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Lasts:
-    """A method that sleeps, or works, for some seconds, and tells an iterate all the time."""
+    """A method that sleeps, or works, for some seconds, and announces iterates all the time."""
 
     sleeps: bool
     seconds: float

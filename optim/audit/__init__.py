@@ -1,0 +1,1 @@
+"""Independent audit of paths; imports numpy and shapely only."""

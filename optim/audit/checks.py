@@ -18,7 +18,7 @@ clearance   the area swept by each body, between samples too, keeps off every po
 boundary    and lies within the map's outline, where there is one
 objective   J recomputed from the samples agrees with the reported one to 1e-6 relative
 
-A free roll-out over a whole segment is no check: in reverse errors grow like exp(s / l_t), 43-fold over 30 m.
+A free roll-out over a whole segment is not a check: in reverse errors grow like exp(s / l_t), 43-fold over 30 m.
 """
 
 import math
@@ -101,7 +101,7 @@ def audit_recorded(vehicle: Mapping[str, Any], scene: Mapping[str, Any], path: M
 
 
 class _Claim(NamedTuple):
-    """What a method's path is compared with."""
+    """References that a method's path is compared with."""
 
     recorded: Any
     weights: Any
@@ -118,7 +118,7 @@ class _Document(NamedTuple):
 
 
 class _Subject(NamedTuple):
-    """What the checks look at: a document as read, and what follows from it."""
+    """Input of the checks: a document as read, and quantities derived from it."""
 
     vehicle: VehicleData
     path: PathData
@@ -320,7 +320,7 @@ CHECKS: Mapping[str, Callable[[_Subject], Check]] = MappingProxyType(
         "objective": _objective,
     }
 )
-"""What is checked once a document has been read and its spacing is right."""
+"""Checks that need a readable document with the right spacing."""
 ALL = ("spacing", *CHECKS)
 """Names of all checks but `structure` and `finite`, which are part of reading."""
 OF_A_CLAIM = ("start", "goal", "objective")

@@ -30,7 +30,7 @@ LARGEST = 1e8
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Where on a path a check is worst."""
+    """Place on a path where a check is worst."""
 
     segment: int
     s: float
@@ -111,7 +111,7 @@ class PathData(NamedTuple):
         return np.flatnonzero(np.diff(self.segment, prepend=-1))
 
     def place(self, sample: int | np.integer) -> Place:
-        """Where a sample lies: its segment, and the arc length in it [m]."""
+        """Place of a sample: its segment, and the arc length in it [m]."""
         return Place(segment=int(self.segment[sample]), s=float(self.samples[0, sample]))
 
 

@@ -1,4 +1,4 @@
-"""What happens between the samples of a path, for the audit: re-integration, the area swept, its clearance.
+"""Motion between the samples of a path, for the audit: re-integration, the area swept, its clearance.
 
 Notation: truck rear axle c = (x, y), heading theta, hitch angle alpha, trailer heading beta = theta + alpha,
 steering phi, direction d, wheelbase l, hitch to trailer axle l_t, hitch M behind the rear axle (0 for a fifth
@@ -59,7 +59,7 @@ class Sweep(NamedTuple):
     room: Float64[Array, "M 2"]
     """To the map's outline, from inside [m]; inf without an outline; negative outside."""
     inflation: Float64[Array, "M 2"]
-    """What the hulls were inflated by [m]."""
+    """Inflation of the hulls [m]."""
 
 
 def integrate(vehicle: VehicleData, path: PathData, substep: float) -> tuple[Array, Array]:
@@ -123,7 +123,7 @@ def _box(x: Array, y: Array, heading: Array, front: float, rear: float, width: f
 
 
 def inflation(vehicle: VehicleData, path: PathData, defects: Array) -> Array:
-    """What to inflate the hulls of both bodies by [m], as derived above. Shape (M, 2)."""
+    """Inflation of the hulls of both bodies [m], as derived above. Shape (M, 2)."""
     ds, before, after = path.ds, path.before, path.after
     wheelbase, l_t, offset = vehicle.wheelbase, vehicle.hitch_to_axle, abs(vehicle.hitch_offset)
     steer = np.maximum(np.abs(before[5]), np.abs(after[5]))
@@ -148,7 +148,7 @@ def inflation(vehicle: VehicleData, path: PathData, defects: Array) -> Array:
 
 
 def excess(vehicle: VehicleData, path: PathData) -> Array:
-    """What the hulls of both bodies reach beyond linear interpolation of the motion by, at most [m]. Shape (M, 2)."""
+    """Upper bound of the hulls' reach beyond linear interpolation of the motion, for both bodies [m]. Shape (M, 2)."""
     truck = np.abs(path.after[3] - path.before[3])
     trailer = np.abs(path.after[3] + path.after[4] - path.before[3] - path.before[4])
     diagonals = (
@@ -180,7 +180,7 @@ def _signed_distances(hulls: Shapes, polygons: Shapes) -> tuple[Array, IntArray]
 
 
 def _depths(one: Shapes, other: Shapes) -> Array:
-    """How far to move one of two overlapping convex polygons to part them [m]. Shape (P,).
+    """Distance to move one of two overlapping convex polygons to part them [m]. Shape (P,).
 
     The shortest such move is along the normal of an edge of either. What is not convex counts as its hull.
     """

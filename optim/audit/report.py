@@ -1,4 +1,4 @@
-"""What the audit says: named checks with the numbers that decided them, and the report that holds them."""
+"""Result of the audit: named checks with the numbers that decided them, and the report that holds them."""
 
 import math
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ class Check:
     limits: Mapping[str, float]
     """Limits of the values that decide."""
     place: Place | None = None
-    """Where it is worst."""
+    """Place where it is worst."""
 
     def __repr__(self) -> str:
         return f"Check({'passed' if self.passed else 'failed'}: {self.sentence})"
@@ -73,7 +73,7 @@ class AuditReport:
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """What is wrong, one line for each check that did not pass."""
+        """Failures, one line for each check that did not pass."""
         return tuple(f"{name}: {self.checks[name].sentence}" for name in self.failed)
 
     def __getattr__(self, name: str) -> Check:

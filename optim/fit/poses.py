@@ -34,11 +34,11 @@ from optim.model.path import Path, resample, segment_from_states
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, Float64, IntArray, frozen
 
-_STEER_GUESS = 1.2  # [rad]: larger angles are no steering; keeps tan(phi) away from its pole
+_STEER_GUESS = 1.2  # [rad]: larger angles are not steering; keeps tan(phi) away from its pole
 _ROOM = 0.9  # steps are laid out this much shorter than the spacing, since the fit may lengthen them
 _LARGEST_STEP = 0.3  # [rad]: a Gauss-Newton step changes no steering angle by more
 _HITCH_GUESS = 1.5  # [rad]: integrated from noisy poses in reverse, the hitch angle runs away
-_WIDEST_TURN = 1.5  # [rad], half a turn between two poses: more is no arc, and the length must stay finite
+_WIDEST_TURN = 1.5  # [rad], half a turn between two poses: more is not an arc, and the length must stay finite
 _SHRINK = 0.1  # a Gauss-Newton step leaves at least this share of each length
 _CLOSED = 1e-7  # largest break of the kinematics of a fit that has converged [m or rad]
 _LONGEST = 10.0  # times the arc between two poses: what diverges stays of a size that can be sampled
@@ -90,7 +90,7 @@ def fit_path(
         alpha: logged hitch angles [rad], shape (n,), or None: then integrated from `initial_hitch` [rad].
         sigma: expected errors of each position [m] and heading [rad], at least those of the options; where that of
             a heading is infinite, the heading is not known, at the ends neither. Shape (n, 2).
-        bounds: what the path is to keep besides the kinematics.
+        bounds: constraints beyond the kinematics.
         goal_hitch: the hitch angle [rad] with which it is to end, however little the poses say of it.
         start: an earlier fit of the same poses to begin with.
 

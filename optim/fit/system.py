@@ -43,7 +43,7 @@ class FitOptions:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Bounds:
-    """Constraints of a fit besides the kinematics."""
+    """Constraints of a fit beyond the kinematics."""
 
     limits: bool = True
     """Whether to keep the vehicle's limits: steering, its rate, hitch angle."""
@@ -54,7 +54,7 @@ class Bounds:
 
 
 class Layout(NamedTuple):
-    """Where the unknowns are: K knots with (x, y, theta, alpha, phi), then a length per logged interval."""
+    """Layout of the unknowns: K knots with (x, y, theta, alpha, phi), then a length per logged interval."""
 
     pose_knot: Int64[IntArray, "n 2"]
     """Knot of each logged pose: as end of what is before it, as start of what follows. Shape (n, 2)."""
@@ -161,7 +161,7 @@ class _Triplets:
 
 
 def _residuals(problem: FitProblem, knots: Array, lengths: Array) -> _Triplets:
-    """What is to become small: distance from the log, bend of the steering."""
+    """Residuals to minimise: distance from the log, bend of the steering."""
     rows, layout, poses = _Triplets(), problem.layout, problem.poses
     at = layout.pose_knot[:, 0]
     logged = poses if problem.alpha is None else np.column_stack([poses, problem.alpha])
@@ -188,7 +188,7 @@ def _residuals(problem: FitProblem, knots: Array, lengths: Array) -> _Triplets:
 def _constraints(
     problem: FitProblem, knots: Array, gaps: Array, jacobian: Array, *, has_ends: bool = True
 ) -> _Triplets:
-    """What must hold: the kinematics, the ends, the shared poses at cusps."""
+    """Equality constraints: the kinematics, the ends, the shared poses at cusps."""
     rows, layout, poses = _Triplets(), problem.layout, problem.poses
     left, size = layout.left, knots.size
     share = 1.0 / layout.pieces[layout.interval]

@@ -1,0 +1,1 @@
+"""Geometry of convex polygons: collision, swept areas, separation, covers, distance fields."""

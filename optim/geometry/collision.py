@@ -7,7 +7,7 @@ hx |n.u| + hy |n.v|, so the *gap* to a polygon along a unit n that points from t
     gap(n) = n . centre - hx |n.u| - hy |n.v| - max over the polygon's vertices w of n . w.
 
 The signed distance is the largest gap over all n: the Euclidean distance when the two are apart, minus the least
-depth of penetration when they overlap. In the second case, and to tell the two apart, the candidates are the
+depth of penetration when they overlap. In the second case, and to distinguish the two, the candidates are the
 rectangle's two axes and **the normals of all the polygon's edges** (Esteban Cabezos 2020, section 2.6, tests two
 axes of the obstacle: enough for rectangles only).
 """
@@ -80,7 +80,7 @@ def _own_axis(rect, low_x, high_x, low_y, high_y, in_x, out_x, in_y, out_y):
 
 
 @kernel
-def signed_distance(scene, k, rect):
+def signed_distance(scene, k, rect):  # noqa: C901  one pass finds all of them
     """Distance, witness on the rectangle, witness on polygon k, unit normal from polygon to rectangle.
 
     Apart, the least distance is that of a polygon's vertex from the rectangle, or of the rectangle's corner
@@ -134,14 +134,14 @@ def signed_distance(scene, k, rect):
         return nearest, edge_bx, edge_by, ox, oy, edge_nx, edge_ny
     ox, oy = scene.vertices[vertex, 0], scene.vertices[vertex, 1]
     bx, by = cx + c * best_x - s * best_y, cy + s * best_x + c * best_y
-    if distance > 1e-9:  # else the axis that tells them apart stays the normal
+    if distance > 1e-9:  # else the separating axis stays the normal
         nx, ny = (bx - ox) / distance, (by - oy) / distance
     return distance, bx, by, ox, oy, nx, ny
 
 
 @kernel
 def box_distance(scene, node, rect):
-    """A lower bound of the distance to everything below a tree node; 0 where it cannot tell.
+    """A lower bound of the distance to everything below a tree node; 0 where neither gap is positive.
 
     The larger of two gaps: between the boxes along the map's axes (Euclidean), and along the rectangle's axes.
     """
@@ -185,7 +185,7 @@ def nearest_polygon(scene, rect, guess, cap):
 
 @kernel
 def overlaps(scene, rect, margin):
-    """Whether some polygon has a signed distance < margin (touching is no overlap at margin 0)."""
+    """Whether some polygon has a signed distance < margin (touching is not an overlap at margin 0)."""
     cx, cy, c, s, hx, hy = rect
     ac, as_ = abs(c), abs(s)
     reach = max(margin, 0.0)

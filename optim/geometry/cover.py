@@ -1,4 +1,4 @@
-"""Convex polygons that cover the occupied cells of a grid: every cell, few polygons, little area besides.
+"""Convex polygons that cover the occupied cells of a grid: every cell, few polygons, little free area.
 
 Two steps. *Rectangles*, which add nothing: each maximal run of occupied cells in a row or a column is widened as
 far as all cells beside it are occupied; the largest of these rectangles are taken until every cell is covered.
@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from optim.numerics.arrays import Array, IntArray, frozen
 
-Ring = list[tuple[int, int]]
+CellRing = list[tuple[int, int]]
 
-_MOST_HULLS = 20_000  # looked at, some 2 s; in noise there is no end of them, and what is left may stay rectangles
+_MOST_HULLS = 20_000  # tried, some 2 s; noise has too many, and the rest may stay rectangles
 _MAX_SIDE = 30_000  # cells: what the products of coordinates below are safe for, and 900 million cells
 
 
@@ -36,7 +36,7 @@ def cover_cells(
         occupied: boolean grid, row 0 at the origin. Shape (H, W).
         resolution: side of a cell [m].
         origin: corner of cell (0, 0) [m] and direction of the rows [rad], (x, y, yaw).
-        max_extra: area that the polygons may cover besides, as a share of the occupied area.
+        max_extra: free area that the polygons may cover, as a share of the occupied area.
     """
     cells = np.ascontiguousarray(occupied, dtype=bool)
     if cells.ndim != 2 or max(cells.shape) > _MAX_SIDE:
@@ -112,7 +112,7 @@ def _neighbours(owner: NDArray[np.int32]) -> IntArray:
 
 
 def _pair_costs(a: IntArray, b: IntArray, raster: "_Raster") -> tuple[Array, NDArray[np.bool_]]:
-    """What the hull of two rectangles adds, for rows (x0, y0, x1, y1), and whether that is exact. Shape (P,).
+    """Area that the hull of two rectangles adds, for rows (x0, y0, x1, y1), and whether that is exact. Shape (P,).
 
     The hull is the common bounding box, each corner cut off by the line from the one rectangle's corner to the
     other's, unless one of them reaches into it. Other occupied cells in that box may fill what lies between: then it
@@ -148,7 +148,7 @@ class _Raster:
         x0, y0, x1, y1 = boxes.T
         return total[y1, x1] - total[y0, x1] - total[y1, x0] + total[y0, x0]
 
-    def survey(self, ring: Ring) -> tuple[int, bool]:
+    def survey(self, ring: CellRing) -> tuple[int, bool]:
         """Number of occupied cells wholly in the ring; whether all it touches is near one."""
         rows, left, right = _chords(ring)
         first = np.ceil(np.maximum(left[:-1], left[1:]) - 1e-9).astype(np.int64)
@@ -165,7 +165,7 @@ def _row_sums(cells: NDArray[np.bool_]) -> NDArray[np.int32]:
     return sums
 
 
-def _chords(ring: Ring) -> tuple[IntArray, Array, Array]:
+def _chords(ring: CellRing) -> tuple[IntArray, Array, Array]:
     """The rows that a ring crosses, and its left and right end on each line between rows, one more than rows.
 
     The ring starts with its lowest vertex, the leftmost of these, as `_hull` returns it.
@@ -181,7 +181,7 @@ def _chords(ring: Ring) -> tuple[IntArray, Array, Array]:
     return lines[:-1], left, right
 
 
-def _hull(points: set[tuple[int, int]]) -> Ring:
+def _hull(points: set[tuple[int, int]]) -> CellRing:
     """Strictly convex hull, counter-clockwise from the lowest point, the leftmost of these (Andrew 1979)."""
     ordered = sorted((y, x) for x, y in points)
     chains = []
@@ -198,11 +198,11 @@ def _hull(points: set[tuple[int, int]]) -> Ring:
     return [(x, y) for chain in chains for y, x in chain]
 
 
-def _area(ring: Ring) -> float:
+def _area(ring: CellRing) -> float:
     return 0.5 * sum(ax * by - ay * bx for (ax, ay), (bx, by) in zip(ring, ring[1:] + ring[:1], strict=True))
 
 
-def _is_tiny(ring: Ring) -> bool:
+def _is_tiny(ring: CellRing) -> bool:
     """Whether a ring lies in a block of 2 x 2 cells."""
     low_y, high_y = ring[0][1], max(y for _, y in ring)
     return high_y - low_y <= 2 and max(x for x, _ in ring) - min(x for x, _ in ring) <= 2
@@ -216,14 +216,14 @@ class _Hulls:
         self._left = budget
         self._boxes = boxes
         self._gone = np.zeros(len(boxes), dtype=bool)  # rectangles that have become part of a hull
-        self._rings: dict[int, Ring] = {}  # hulls, numbered on from the rectangles
+        self._rings: dict[int, CellRing] = {}  # hulls, numbered on from the rectangles
         self._extra: dict[int, float] = {}
         self._next = len(boxes)
         costs, is_exact = _pair_costs(boxes[pairs[:, 0]], boxes[pairs[:, 1]], self._raster)
         order = np.argsort(costs, kind="stable")
         costs, pairs = costs[order], pairs[order]
         # price, whether it is exact, the pair, and once they have been looked up its hull and the area that adds
-        self._heap: list[tuple[float, bool, int, int, Ring | None, float]] = list(
+        self._heap: list[tuple[float, bool, int, int, CellRing | None, float]] = list(
             zip(costs.tolist(), is_exact[order].tolist(), *pairs.T.tolist(), repeat(None), repeat(0.0), strict=False)
         )
         heapq.heapify(self._heap)
@@ -233,10 +233,10 @@ class _Hulls:
         self._first = np.searchsorted(both[order, 0], np.arange(len(boxes) + 1))
         self._known: dict[int, dict[int, float]] = {}
 
-    def merge(self) -> tuple[IntArray, list[Ring]]:
-        """Joins the cheapest pair until the next is too dear, or enough were tried; the rectangles left, by number,
-        and the hulls.
+    def merge(self) -> tuple[IntArray, list[CellRing]]:
+        """Join the cheapest pair until the next is too dear or enough were tried.
 
+        Returns the numbers of the rectangles left, and the hulls.
         The price of a pair of which one has grown is looked up when its turn would have come at the old price.
         """
         looked_at = 0
@@ -269,7 +269,7 @@ class _Hulls:
     def _is_there(self, k: int) -> bool:
         return k in self._rings if k >= len(self._boxes) else not self._gone[k]
 
-    def _ring(self, k: int) -> Ring:
+    def _ring(self, k: int) -> CellRing:
         if k >= len(self._boxes):
             return self._rings[k]
         x0, y0, x1, y1 = self._boxes[k].tolist()
@@ -288,7 +288,7 @@ class _Hulls:
         else:
             self._gone[k] = True
 
-    def _join(self, a: int, b: int, ring: Ring, extra: float) -> None:
+    def _join(self, a: int, b: int, ring: CellRing, extra: float) -> None:
         self._remove(a)
         self._remove(b)
         new, self._next = self._next, self._next + 1

@@ -1,0 +1,1 @@
+"""Paths at knots: transcription, rounds, motion between knots."""

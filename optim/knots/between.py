@@ -20,7 +20,7 @@ def required_at_knots(problem: Problem, knots: Knots, room: float = 0.0) -> Arra
 
 
 def missing_at_knots(problem: Problem, knots: Knots, required: Array) -> Array:
-    """What truck and trailer lack of required (K, 2) at each knot [m]; 0: nothing. Shape (K, 2).
+    """Clearance that truck and trailer lack of required (K, 2) at each knot [m]; 0: nothing. Shape (K, 2).
 
     Nothing counts as missing at the ends, about which nothing can be done.
     """

@@ -15,16 +15,21 @@ from optim.model.problem import Problem
 from optim.model.vehicle import Vehicle
 
 LEAST_GAIN = 1e-6
-"""Relative decrease of J below which a candidate is no better."""
+"""Relative decrease of J below which a candidate does not count as better."""
 
 
 class Candidate(Protocol):
     """A solution at knots."""
 
     @property
-    def knots(self) -> Knots: ...
+    def knots(self) -> Knots:
+        """The knots."""
+        ...
+
     @property
-    def objective(self) -> float: ...
+    def objective(self) -> float:
+        """J of the path at these knots."""
+        ...
 
 
 _C = TypeVar("_C", bound=Candidate)

@@ -34,12 +34,12 @@ from optim.knots.transcription import (
     within_rate,
 )
 from optim.model.iterates import IterateStream
-from optim.model.limits import within_limits
 from optim.model.objective import objective
 from optim.model.path import Path
 from optim.model.problem import Problem, path_clearance
 from optim.model.result import Iterate, OnIterate, Result, Stop, ignore
 from optim.model.vehicle import Vehicle
+from optim.model.vehicle_limits import within_limits
 from optim.numerics.arrays import Array
 
 MAX_ROUNDS = 8
@@ -49,7 +49,7 @@ _LIMIT_SLACK = 1e-4  # relative, of limits on steering, its rate and the hitch a
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class KnotSolution:
-    """What an optimiser at knots gives back."""
+    """Result of an optimiser at knots."""
 
     knots: Knots
     stop: Stop
@@ -61,13 +61,17 @@ class KnotSolution:
 class Announce(Protocol):
     """Announce an iterate at knots: `make(iteration=..., path=...)` gives it."""
 
-    def __call__(self, knots: Knots, make: Callable[..., Iterate]) -> None: ...
+    def __call__(self, knots: Knots, make: Callable[..., Iterate]) -> None:
+        """Announce these knots; `make` is called only if somebody listens."""
+        ...
 
 
 class KnotOptimizer(Protocol):
     """Minimise J from these knots, keeping at knot k the clearances required[k] of truck and trailer [m]."""
 
-    def __call__(self, knots: Knots, required: Array, announce: Announce) -> KnotSolution: ...
+    def __call__(self, knots: Knots, required: Array, announce: Announce) -> KnotSolution:
+        """Better knots than these, and why it stopped there; `required` has shape (K, 2) [m]."""
+        ...
 
 
 def improve(
@@ -96,7 +100,7 @@ def improve(
 
 
 @dataclass(frozen=True, eq=False)
-class _Candidate:
+class _SoundPath:
     """A path, its J, and the solution that it is of."""
 
     path: Path
@@ -115,7 +119,7 @@ class _Rounds:
         self.problem, self.optimize, self.spacing, self.iterates = problem, optimize, spacing, iterates
         self.iterations = self.solutions = 0
 
-    def descend(self, knots: Knots) -> tuple[_Candidate | None, KnotSolution]:
+    def descend(self, knots: Knots) -> tuple[_SoundPath | None, KnotSolution]:
         """Rounds from these knots on: the best path that keeps everything, and the last solution."""
         best, required, left = None, required_at_knots(self.problem, knots), MAX_ROUNDS
         while True:
@@ -127,7 +131,7 @@ class _Rounds:
                 return best, solution
             (knots, required), left = following, left - 1
 
-    def _judge(self, solution: KnotSolution, required: Array) -> tuple[_Candidate | None, tuple[Knots, Array] | None]:
+    def _judge(self, solution: KnotSolution, required: Array) -> tuple[_SoundPath | None, tuple[Knots, Array] | None]:
         """The path of a solution if it keeps everything; knots and clearance to solve for again, unless it is done."""
         problem, knots = self.problem, solution.knots
         merged = merge_vanished(knots, VANISHED * self.spacing)
@@ -137,7 +141,7 @@ class _Rounds:
         path = path_of(problem.vehicle, knots, problem.initial)
         missing = missing_between(problem, knots, path)
         sound = (
-            _Candidate(path, _value(problem, path), solution) if _keeps_everything(problem, knots, missing) else None
+            _SoundPath(path, _value(problem, path), solution) if _keeps_everything(problem, knots, missing) else None
         )
         if not _may_go_on(problem, solution):
             return sound, None
@@ -148,7 +152,7 @@ class _Rounds:
             return sound, None
         return sound, (knots, raised(problem, knots, required, missing))
 
-    def without(self, best: _Candidate, index: int) -> _Candidate | None:
+    def without(self, best: _SoundPath, index: int) -> _SoundPath | None:
         """The best path of rounds that begin without a segment."""
         seed = seed_without(self.problem, best.knots, index, self.spacing)
         better, _ = self.descend(self._within_rate(seed))

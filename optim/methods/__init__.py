@@ -1,4 +1,4 @@
-"""What a method is, and which there are."""
+"""The protocol of a method, and the list of methods."""
 
 from collections.abc import Mapping
 from types import MappingProxyType

@@ -1,0 +1,1 @@
+"""Model: vehicle, path, scene, problem, objective, metrics, results."""

@@ -19,7 +19,7 @@ from optim.numerics.arrays import Array, Float64, Int64, IntArray, frozen, froze
 
 
 class Witnesses(NamedTuple):
-    """Where each body is nearest to the obstacles (or deepest in one); index 0 the truck, 1 the trailer.
+    """Place where each body is nearest to the obstacles (or deepest in one); index 0 the truck, 1 the trailer.
 
     Without obstacles the distance is inf, the polygon -1 and everything else nan.
     """
@@ -56,7 +56,7 @@ def clearance(scene: Scene, vehicle: Vehicle, states: Array) -> Array:
 def collides(scene: Scene, vehicle: Vehicle, states: Array, margin: float = 0.0) -> NDArray[np.bool_]:
     """Whether either body is nearer to an obstacle than the margin [m], for states (N, 4). Shape (N,).
 
-    The same as `clearance(...).min(axis=1) < margin`, by separating axes and much faster. Touching is no collision.
+    The same as `clearance(...).min(axis=1) < margin`, by separating axes and much faster. Touching is not a collision.
     """
     return collides_kernel(scene.packed, vehicle.footprints, vehicle.hitch_offset, frozen(states), float(margin))
 

@@ -12,7 +12,7 @@ from optim.numerics.arrays import Array
 
 
 def not_flat(vehicle: Vehicle) -> str:
-    """Why a method that needs the flat map cannot work with a vehicle, as a sentence for users; empty if it can."""
+    """Reason why a method that needs the flat map cannot work with a vehicle, for users; empty if it can."""
     if vehicle.hitch_offset == 0.0:
         return ""
     needed = "this method needs the hitch over the rear axle (hitch_offset 0)"

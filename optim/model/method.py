@@ -15,4 +15,6 @@ class Method(Protocol):
     why it stopped.
     """
 
-    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result: ...
+    def solve(self, problem: Problem, on_iterate: OnIterate = ignore) -> Result:
+        """Improve `problem.initial`."""
+        ...

@@ -16,12 +16,11 @@ import numpy as np
 
 from optim.model.kinematics import LARGEST_STEP, roll_out, roll_out_kernel
 from optim.model.vehicle import Vehicle
-from optim.numerics.arrays import Array, Float64, Int64, IntArray, frozen, frozen_int
-from optim.numerics.frame import data_frame
+from optim.numerics.arrays import Array, Float64, Int64, IntArray, data_frame, frozen, frozen_int
 from optim.numerics.kernel import kernel
 
 LENGTH_TOLERANCE = 1e-9
-"""Pieces shorter than this [m] are no pieces: below it, differences of coordinates carry no direction."""
+"""Pieces shorter than this [m] are dropped: below it, differences of coordinates carry no direction."""
 STEER_TOLERANCE = 1e-6
 """Steering angles that differ by no more are the same [rad]: the flat map and back keeps ten digits."""
 

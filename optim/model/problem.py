@@ -24,7 +24,7 @@ class Problem:
     nodes: Float64[Array, " K"] | None = None
     """Arc lengths of the recorded path [m] at which the planner's tree nodes lie. Shape (K,), or None if unknown."""
     start: Path | None = None
-    """Where a method begins if not with the recorded path: an earlier result for this problem.
+    """Start of a method if not the recorded path: an earlier result for this problem.
 
     It has the ends of the recorded path (the last heading up to full turns) and keeps the required clearance, which
     stays that of the recorded path."""

@@ -1,4 +1,4 @@
-"""What a method gives back. Its word is not believed: `optim.audit.checks` decides."""
+"""Result of a method. Its claims are not trusted: `optim.audit.checks` decides."""
 
 import enum
 import math
@@ -11,7 +11,7 @@ from optim.numerics.arrays import Array, Bool, BoolArray, Float64
 
 
 class Stop(enum.Enum):
-    """Why a method stopped; the value is what the user reads."""
+    """Reason why a method stopped; users read the value."""
 
     CONVERGED = "converged"
     ITERATION_LIMIT = "iteration limit"
@@ -23,14 +23,14 @@ class Stop(enum.Enum):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Picture:
-    """What a method works on besides the path, for drawing."""
+    """Shapes that a method works on, drawn beside the path."""
 
     points: Float64[Array, "N 2"]
     """Points that it moves [m]. Shape (N, 2)."""
     anchored: Bool[BoolArray, " N"]
-    """Which of them it held in place. Shape (N,)."""
+    """Mask of the points that it held in place. Shape (N,)."""
     cost_map: Float64[Array, "rows columns"]
-    """What it costs a point to be at a node of the grid [-]. Shape (rows, columns)."""
+    """Cost of a point at a node of the grid [-]. Shape (rows, columns)."""
     origin: tuple[float, float]
     """The node cost_map[0, 0] [m]."""
     resolution: float
@@ -49,7 +49,7 @@ class IterateRecord:
     step: float = 0.0
     """Size of the step that led here: m of path replaced, or the method's own norm."""
     residuals: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    """What decides convergence, by name, each divided by its tolerance [-]: converged when all are <= 1."""
+    """Residuals that decide convergence, by name, each divided by its tolerance [-]: converged when all are <= 1."""
     accepted: bool = True
     """False for a rejected trial step; the path is the trial's then, and may violate anything."""
     trust_region: float = math.nan
@@ -81,7 +81,7 @@ class Result:
     iterations: int
     """Number of iterations in the method's own counting, rejected ones included."""
     picture: Picture | None = None
-    """What to draw of a method that moves points through a map of costs."""
+    """Drawing of a method that moves points through a map of costs."""
 
 
 OnIterate = Callable[[Iterate], None]

@@ -117,7 +117,7 @@ class Vehicle:
 
 
 def _checked(name: str, value: Any) -> float:
-    """The value of a field as a float. Raises ValueError for one that is no number or out of range."""
+    """The value of a field as a float. Raises ValueError for a value that is not a number or out of range."""
     low, high = _RANGES.get(name, _EXTENT)
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not is_number or not low <= value <= high:

@@ -1,0 +1,1 @@
+"""Read-only arrays and compiled kernels."""

@@ -1,4 +1,4 @@
-"""Arrays: their types with shapes, and the read-only views that enter compiled kernels.
+"""Arrays: their types with shapes, read-only views that enter compiled kernels, and tables of columns.
 
 Fields that hold arrays state type and shape, `states: Float64[Array, "N 4"]`, in the notation of jaxtyping: an axis
 is a size, a name that stands for one size in all fields of one object, or `_` for any size; a single axis has a space
@@ -9,15 +9,18 @@ Numba compiles a kernel again for each combination of layout and mutability. One
 (C-contiguous, float64 or int64, read-only) means that each kernel is compiled exactly once.
 """
 
+import importlib
+from collections.abc import Mapping
 from typing import Annotated as Bool
 from typing import Annotated as Float64
 from typing import Annotated as Int8
 from typing import Annotated as Int64
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Array", "Bool", "BoolArray", "Float64", "Int8", "Int64", "IntArray", "frozen", "frozen_int"]
+__all__ = ["Array", "Bool", "BoolArray", "Float64", "Int8", "Int64", "IntArray", "data_frame", "frozen", "frozen_int"]
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -32,7 +35,18 @@ def frozen(values: ArrayLike) -> Array:
 
 
 def frozen_int(values: ArrayLike) -> IntArray:
-    """As `frozen`, in int64."""
+    """A C-contiguous read-only int64 view or copy; see `frozen`."""
     view = np.ascontiguousarray(values, dtype=np.int64).view()
     view.flags.writeable = False
     return view
+
+
+def data_frame(columns: Mapping[str, Any]) -> Any:
+    """A DataFrame of pandas, else of polars, from columns of one length. Raises ImportError where neither is there."""
+    for name in ("pandas", "polars"):
+        try:
+            library = importlib.import_module(name)
+        except ImportError:
+            continue
+        return library.DataFrame(dict(columns))
+    raise ImportError("to_dataframe needs pandas or polars, and neither is installed: pip install pandas")

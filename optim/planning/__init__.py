@@ -1,0 +1,1 @@
+"""Planners: trees, closed loop, hybrid search."""

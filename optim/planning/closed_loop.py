@@ -32,7 +32,7 @@ from optim.planning.protocol import (
 from optim.steering.flat import Flat
 
 _STEP = 0.1  # [m]: step of the closed loop and of its samples, what the audit asks for
-_SETTLED = 0.5  # [m]: shorter drives are no edges
+_SETTLED = 0.5  # [m]: shorter drives are not edges
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +78,10 @@ class ClosedLoopRrt:
     def plan(self, problem: PlanningProblem, seed: int, give_up: GiveUp = never) -> PlannedPath | None:
         """The first path that the trees find; see `optim.planning.protocol.Planner`."""
         grower = _Grower(self, problem, seed)
-        trees = _Tree(problem, problem.start, self, is_from=True), _Tree(problem, problem.goal, self, is_from=False)
+        trees = (
+            _DriveTree(problem, problem.start, self, is_from=True),
+            _DriveTree(problem, problem.goal, self, is_from=False),
+        )
         if not give_up():
             edge = grower.bridge(trees[0], 0, trees[1])
             if edge is not None:
@@ -94,7 +97,7 @@ class ClosedLoopRrt:
         return None
 
 
-class _Tree:
+class _DriveTree:
     """Nodes with the drives that reached them. A tree from the goal drives in reversed time.
 
     Columns of `nodes`: x, y, theta, alpha, phi; flat x, y, theta, kappa; cost of the way.
@@ -155,7 +158,7 @@ class _Grower:
         most = int(options.longest * l_t / _STEP) + 2
         self.buffers = np.empty(most), np.empty((most, 4)), np.empty(most)
 
-    def draw(self, tree: _Tree, other: _Tree) -> Flat:
+    def draw(self, tree: _DriveTree, other: _DriveTree) -> Flat:
         """A pose to drive to: in one of the areas, at a node of the other tree, or straight on from a node."""
         choice = self.rng.random()
         if choice < self.options.goal_bias:
@@ -167,7 +170,7 @@ class _Grower:
             return Flat(float(x), float(y), float(theta), 0.0)
         return random_pose(self.problem, self.rng)
 
-    def nearest(self, tree: _Tree, to: Flat, count: int, is_from: bool, cost_weight: float) -> list[int]:
+    def nearest(self, tree: _DriveTree, to: Flat, count: int, is_from: bool, cost_weight: float) -> list[int]:
         """Nodes by the table's distance and the way to them, nearest first."""
         table = self.table
         far = distances(
@@ -175,7 +178,7 @@ class _Grower:
         )
         return np.argsort(far, kind="stable")[:count].tolist()
 
-    def extend(self, tree: _Tree, sample: Flat) -> list[int]:
+    def extend(self, tree: _DriveTree, sample: Flat) -> list[int]:
         """Drive from the nearest nodes towards the sample's line; indices of the nodes that were reached."""
         for parent in self.nearest(tree, sample, self.options.neighbours, True, self.options.cost_weight):
             node = tree.nodes[parent]
@@ -187,7 +190,7 @@ class _Grower:
                     return found
         return []
 
-    def _drive(self, tree: _Tree, parent: int, gear: int, sample: Flat) -> list[int]:
+    def _drive(self, tree: _DriveTree, parent: int, gear: int, sample: Flat) -> list[int]:
         node, options = tree.nodes[parent], self.options
         s, states, phi = self.buffers
         is_free = tree.gears[parent] != gear
@@ -216,7 +219,7 @@ class _Grower:
             begin = end
         return found[::-1]
 
-    def bridge(self, tree: _Tree, index: int, other: _Tree) -> list[Segment] | None:
+    def bridge(self, tree: _DriveTree, index: int, other: _DriveTree) -> list[Segment] | None:
         """The pieces of a whole path if the node can be joined to the other tree."""
         node = Flat(*tree.nodes[index, 5:9].tolist())
         for near in self.nearest(other, node, self.options.bridges, not tree.is_from, 0.0):
@@ -229,7 +232,7 @@ class _Grower:
                     return [*first.branch(ends[0]), edge.segment(CONNECTION_SPACING), *last.branch(ends[1])]
         return None
 
-    def _flat(self, tree: _Tree, index: int, gear: int) -> Flat:
+    def _flat(self, tree: _DriveTree, index: int, gear: int) -> Flat:
         """The node as an end of a connection: its own steering where the gear stays, any where the vehicle stands."""
         node, before = tree.nodes[index], tree.gear_of_travel(index)
         if before == gear:

@@ -91,7 +91,7 @@ def drive(start, phi0, is_free, gear, line, length, step, law, limits, kinematic
 
 @kernel
 def free_samples(count, s, states, phi, world):
-    """How many of the first `count` samples are clear of obstacles, between samples too."""
+    """Number of the first `count` samples that are clear of obstacles, between samples too."""
     scene, footprints, motion, margin = world
     hit = first_violation_kernel(scene, footprints, motion, s[:count], states[:count], phi[:count], margin)
     return count if hit < 0 else hit + 1

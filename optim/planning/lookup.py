@@ -69,7 +69,7 @@ class Table:
 
 
 def table_shape(half: int) -> tuple[int, int, int, int, int]:
-    """Shape of `Table.values` with so many nodes on either side of the origin."""
+    """Shape of `Table.values` with this many nodes on either side of the origin."""
     return 3, 3, 2 * half + 1, half + 1, HEADINGS
 
 
@@ -79,7 +79,7 @@ def table_of(vehicle: Vehicle, values: ArrayLike) -> Table:
 
 
 def table_key(vehicle: Vehicle, half: int = HALF) -> str:
-    """What a table depends on besides the code of the local planner: the vehicle and the grid, in one line."""
+    """Vehicle and grid in one line: with the code of the local planner, all that a table depends on."""
     return repr((astuple(vehicle), half, CELL, HEADINGS, BEND, LONGEST))
 
 

@@ -1,4 +1,4 @@
-"""What every planner takes and returns, so that one can stand in for another.
+"""Input and output of every planner, so that one can replace another.
 
 A planner is a frozen dataclass of options with one verb, `plan`. It knows no clock: whoever calls it says with
 `give_up` when the search is to end.

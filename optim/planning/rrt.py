@@ -79,10 +79,10 @@ class Rrt:
         The path keeps the vehicle's limits and the problem's margin from every obstacle, between samples too. The
         same seed gives the same path.
         """
-        planner = _Planner(problem, self, seed)
+        planner = _RrtGrower(problem, self, seed)
         trees = (
-            _Tree(problem.start, self, forward_in_time=True),
-            _Tree(problem.goal, self, forward_in_time=False),
+            _ConnectionTree(problem.start, self, forward_in_time=True),
+            _ConnectionTree(problem.goal, self, forward_in_time=False),
         )
         for iteration in range(self.max_iterations):
             if give_up():
@@ -97,7 +97,7 @@ class Rrt:
         return None
 
 
-class _Tree:
+class _ConnectionTree:
     """Nodes with their parents, and the edge that joins each to its parent."""
 
     def __init__(self, root: Flat, options: Rrt, forward_in_time: bool) -> None:
@@ -134,7 +134,7 @@ class _Tree:
         return edges
 
 
-class _Planner:
+class _RrtGrower:
     """One search: problem and options at hand for every edge."""
 
     def __init__(self, problem: PlanningProblem, options: Rrt, seed: int) -> None:
@@ -163,7 +163,7 @@ class _Planner:
                 return edge
         return None
 
-    def extend(self, tree: _Tree, sample: Flat) -> int | None:
+    def extend(self, tree: _ConnectionTree, sample: Flat) -> int | None:
         """Add one node in the direction of the sample; its index, or None."""
         for parent in tree.nearest(sample, self.options.neighbours):
             for node, gear in self.shots(tree.nodes[parent], sample):
@@ -175,7 +175,7 @@ class _Planner:
                     return tree.add(node, parent, edge)
         return None
 
-    def bridge(self, tree: _Tree, index: int, other: _Tree) -> list[Connection] | None:
+    def bridge(self, tree: _ConnectionTree, index: int, other: _ConnectionTree) -> list[Connection] | None:
         """The whole path if the node can be joined to the other tree."""
         node = tree.nodes[index]
         for near in other.nearest(node, self.options.bridges):

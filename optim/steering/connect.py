@@ -21,7 +21,7 @@ from optim.steering.pieces import sample_turns
 from optim.steering.turns import plan_turns
 
 END_TOLERANCE = 1e-8
-"""How far the computed last state may be from the one asked for before it is replaced by it [m, rad]."""
+"""Largest distance of the computed last state from the requested one, which replaces it [m, rad]."""
 
 
 class Sampled(NamedTuple):

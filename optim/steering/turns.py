@@ -28,7 +28,7 @@ from optim.steering.flat import TOLERANCE, TWO_PI, CurveLimits, ramp_load
 from optim.steering.sharpest import CELLS, ROWS, peak_curvature, sharpest_turns, tabulate_ends, tabulated, turn_end
 
 NUM_SOLUTIONS = 4
-"""At most so many solutions are returned for a pair of states."""
+"""Maximum number of solutions for a pair of states."""
 _NUM_ROOTS = 24
 
 
@@ -83,7 +83,7 @@ def refine(low, f_low, high, f_high, shift, start, goal, family1, family2, table
 def tabulate_turns(start, goal, lim, max_length, table, ends):
     """Fill table (4 ROWS, 4) and ends (4 (2 CELLS + 1), 3) with the sharpest turns from both ends.
 
-    Tells whether two of them can be part of a path that is not longer than max_length.
+    Returns whether two of them can be part of a path that is not longer than max_length.
     """
     step = TWO_PI / CELLS
     budget = max_length  # of one turn: what the shortest possible other one leaves
@@ -102,7 +102,7 @@ def tabulate_turns(start, goal, lim, max_length, table, ends):
 
 
 @kernel(error_model="numpy")
-def find_tangents(start, goal, lim, max_length, table, ends, turns, roots):
+def find_tangents(start, goal, lim, max_length, table, ends, turns, roots):  # noqa: C901  its parts share all state
     """Fill roots (n, 10) with (length, psi, shift, slope of f, turns (2 x 3)) of common tangents of tabulated turns.
 
     Returns their number. No root is sought where both ends of a cell make a path longer than max_length, nor kept
@@ -192,8 +192,8 @@ def scale_ramps(delta, k0, s0, top, loads, turns, end):
 
 
 @kernel(error_model="numpy")
-def solve_turns(root, start, goal, lim, turns, loads, row):
-    """Solve a root of `find_tangents` exactly with ramps at the limits; fills `row` of `plan_turns`, tells if it could.
+def solve_turns(root, start, goal, lim, turns, loads, row):  # noqa: C901  one iteration over both turns
+    """Solve a root of `find_tangents` exactly with ramps at the limits; fill `row` of `plan_turns`; whether it could.
 
     Work space: turns (2, 3) and loads (2, 4), of which the columns are the loads of both ramps, kp and delta.
     """

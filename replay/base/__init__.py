@@ -1,0 +1,1 @@
+"""Modules that all rooms of the package share; they import none of the rooms."""

@@ -97,7 +97,7 @@ def convert(data: object, kind: type[Kind], at: str = "", *, exact: bool = False
     except msgspec.ValidationError as error:
         raise DocumentError(_line(str(error), data, kind, at)) from None
     except UnicodeEncodeError:  # a key with half a surrogate pair
-        raise DocumentError(f"{at or 'the document'}: a key is no valid text") from None
+        raise DocumentError(f"{at or 'the document'}: a key is not valid text") from None
 
 
 def plain(value: Any) -> Any:
@@ -131,20 +131,20 @@ def plain(value: Any) -> Any:
 def to_bytes(value: Any) -> bytes:
     """A document as UTF-8 JSON of one line: sorted keys, floats so that they come back bit for bit."""
     text = json.dumps(plain(value), sort_keys=True, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    # A file name that is no valid UTF-8 reaches us with lone surrogates; in JSON these are escapes.
+    # A file name that is not valid UTF-8 arrives with lone surrogates; in JSON these are escapes.
     return text.encode("utf-8", errors="backslashreplace") + b"\n"
 
 
 # What is wrong, where.
 
 
-class _Found(NamedTuple):
+class _Part(NamedTuple):
     """The part of a document that an error is about."""
 
     place: str
     value: Any
     kind: Any
-    """What is expected there."""
+    """Type expected there."""
 
 
 _MESSAGE = re.compile(r"(?P<what>.*?)(?: - at `\$(?P<at>.*)`)?", re.DOTALL)
@@ -164,7 +164,7 @@ def _line(message: str, data: object, kind: Any, at: str) -> str:
     """The message of msgspec as one line, with the place and the value that it is about."""
     match = _MESSAGE.fullmatch(message)
     assert match is not None
-    what, found = match["what"], _Found(at, data, kind)
+    what, found = match["what"], _Part(at, data, kind)
     for step in _STEP.finditer(match["at"] or ""):
         found = _entered(found, step)
     if missing := re.fullmatch(r"Object missing required field `(.*)`", what):
@@ -183,21 +183,21 @@ def _line(message: str, data: object, kind: Any, at: str) -> str:
     return f"{found.place}: {what}" if found.place else what  # what a struct says of its own values
 
 
-def _entered(found: _Found, step: re.Match[str]) -> _Found:
+def _entered(found: _Part, step: re.Match[str]) -> _Part:
     """One step deeper: into a field, an item of a list, or the value of an object that does not fit."""
     kind = _concrete(found)
     arguments = get_args(kind)
     if step["name"] is not None:
-        return _Found(_joined(found.place, step["name"]), _item(found.value, step["name"]), _hints(kind)[step["name"]])
+        return _Part(_joined(found.place, step["name"]), _item(found.value, step["name"]), _hints(kind)[step["name"]])
     if step["index"] is not None:
         index = int(step["index"])
         inner = arguments[0] if get_origin(kind) is not tuple or arguments[-1] is ... else arguments[index]
-        return _Found(f"{found.place}[{index}]", _item(found.value, index), inner)
+        return _Part(f"{found.place}[{index}]", _item(found.value, index), inner)
     for key, value in found.value.items():
         try:
             msgspec.convert(value, arguments[1], strict=True)
         except msgspec.ValidationError:
-            return _Found(_joined(found.place, str(key)[:_LONGEST]), value, arguments[1])
+            return _Part(_joined(found.place, str(key)[:_LONGEST]), value, arguments[1])
     return found
 
 
@@ -209,7 +209,7 @@ def _joined(place: str, name: str) -> str:
     return f"{place}.{name}" if place else name
 
 
-def _concrete(found: _Found) -> Any:
+def _concrete(found: _Part) -> Any:
     """The member of a union that the value is meant to be: that for an object, for a list, or the first."""
     kind = found.kind
     if get_origin(kind) is Annotated:

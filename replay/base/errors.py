@@ -22,7 +22,7 @@ def printable(text: object, limit: int = 200) -> str:
 
 
 class ReplayError(Exception):
-    """What a user can understand and mend: `str()` is one line, `code` never changes its meaning.
+    """An error that a user can understand and correct: `str()` is one line, `code` never changes its meaning.
 
     Args:
         code: stable identifier such as ``E_NO_MAP``, for programs and for searching.

@@ -6,7 +6,7 @@ NO_VALUE = "–"
 
 
 def shown(value: float | str | None, digits: int = 6) -> str:
-    """A value to so many significant digits, with a true minus sign; a dash where there is none."""
+    """A value to `digits` significant digits, with a true minus sign; a dash where there is none."""
     if value is None or value == "":
         return NO_VALUE
     if isinstance(value, str):
@@ -19,7 +19,7 @@ def shown(value: float | str | None, digits: int = 6) -> str:
 
 
 def fixed(value: float | None, digits: int) -> str:
-    """A value with so many decimals."""
+    """A value with `digits` decimals."""
     if value is None or not math.isfinite(value):
         return NO_VALUE
     return f"{value:.{digits}f}".replace("-", "−")

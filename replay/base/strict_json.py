@@ -12,7 +12,7 @@ import stat
 from typing import Any
 
 _OTHER_FILES = {b"\x89MCAP": "an MCAP log", b"RRF2": "a Rerun recording"}
-"""What files of other kinds begin with that may be given by mistake."""
+"""First bytes of other kinds of files that may be given by mistake."""
 
 
 class JsonError(Exception):

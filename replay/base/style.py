@@ -16,7 +16,7 @@ Colour = tuple[int, int, int]
 
 @dataclass(frozen=True, kw_only=True)
 class Style:
-    """How one path looks."""
+    """Look of one path."""
 
     label: str
     colour: Colour

@@ -8,12 +8,13 @@ import sys
 from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError, MissingArgumentError, UnknownCommandError
+from rich.console import Console
 
 from replay.base.errors import USAGE_ERROR, OutputLost, ReplayError, unknown
 from replay.base.kernels import drop_stale
 from replay.base.threads import use_one_thread
+from replay.cli.interrupts import like_ctrl_c
 from replay.cli.invoked import to_paste
-from replay.cli.signals import like_ctrl_c
 from replay.cli.usage import ExitStatus, command_of, drop_output, example
 
 COMMANDS = {
@@ -41,7 +42,10 @@ def _run(tokens: list[str]) -> int:
         use_one_thread()
         if tokens and tokens[0] in COMMANDS:
             drop_stale()
-        status = make_app()(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+        # A new console for each call: `regress`, an application in its module, would keep its first one and its width.
+        console = Console()
+        app = make_app()
+        status = app(tokens, console=console, exit_on_error=False, print_error=False, result_action="return_value")
     except UnknownCommandError:  # its own text would import every command to name them
         _explain(unknown("command", tokens[0], COMMANDS), ())
         return ExitStatus.USAGE
@@ -97,7 +101,7 @@ def _version() -> str:
 
 
 def _missing(error: MissingArgumentError, command: Sequence[str]) -> str:
-    """What is expected where an argument is missing, with an example."""
+    """Message for a missing argument: what is expected, with an example."""
     if error.argument is None or not command:
         return str(error)
     name = error.argument.name

@@ -11,8 +11,8 @@ from rich.table import Table
 from replay.base.errors import UsageError, printable
 from replay.cli.console import Common, Voice
 from replay.cli.usage import ExitStatus, reflowed
-from replay.run.compare import QUANTITIES, Comparison, Pair, overlay, to_document
-from replay.run.compare import compare as compare_files
+from replay.run.side_by_side import QUANTITIES, Pair, SideBySide, overlay, to_document
+from replay.run.side_by_side import compare as compare_files
 
 _ROWS = {
     "objective": ("J", 1.0, 2),
@@ -66,7 +66,7 @@ def compare(
     return ExitStatus.OK
 
 
-def _table(comparison: Comparison) -> Table:
+def _table(comparison: SideBySide) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("path", overflow="fold", max_width=24)
     table.add_column("quantity", no_wrap=True)

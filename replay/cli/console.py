@@ -1,4 +1,4 @@
-"""What a command says and where: data on standard output, everything for people on standard error."""
+"""Output of a command: data on standard output, everything for people on standard error."""
 
 import json
 import sys
@@ -106,5 +106,5 @@ class Voice:
             self.people.print(text.rstrip(), soft_wrap=True)
 
     def _line(self, text: str) -> None:
-        """What files contribute must not move the cursor or forge a line: it is escaped."""
+        """Print a line, escaped: text from files must not move the cursor or forge a line."""
         self.people.print(f"replay: {printable(text, LONGEST)}", soft_wrap=True)

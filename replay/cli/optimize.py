@@ -9,7 +9,6 @@ from cyclopts import Group, Parameter
 from optim.methods import METHODS
 from replay.base.errors import UsageError
 from replay.cli.console import Common, Voice
-from replay.cli.flags import MethodFlags, WeightFlags
 from replay.cli.options import flag_class, options_of
 from replay.cli.origin import Origin, same_log
 from replay.cli.outputs import Outputs
@@ -17,8 +16,10 @@ from replay.cli.reading import Reading
 from replay.cli.session import Session
 from replay.cli.settings import (
     Layer,
+    MethodFlags,
     RunOptions,
     Settings,
+    WeightFlags,
     layer_of_file,
     layer_of_flags,
     layer_of_results,
@@ -83,7 +84,7 @@ def optimize(
         memory_limit and jobs stand outside of tables.
     from_
         Results file of an earlier run, which is run again: the same log, checked by its digest, with the same
-        options. Options that are given besides replace those.
+        options. Options given in addition replace those.
     """
     layers: list[Layer] = [] if config is None else [layer_of_file(config)]
     layers.append(layer_of_flags(run, reading, weights, options))
@@ -104,7 +105,7 @@ def optimize(
 
 
 def _live(voice: Voice, view: bool, viewer: str | None, settings: Settings) -> LiveView | None:
-    """What shows the run while it goes on, if that is asked for and there is a viewer."""
+    """The live view of the run, if it is requested and there is a viewer."""
     if not (view or viewer):
         return None
     try:

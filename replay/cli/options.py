@@ -118,7 +118,7 @@ class NotGiven:
     """The default of every flag, so that given flags can be distinguished from others."""
 
     default: Any
-    """What the option has then."""
+    """Value of the option then."""
 
     def __str__(self) -> str:
         return str(self.default)

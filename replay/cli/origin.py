@@ -59,4 +59,4 @@ def same_log(logs: list[pathlib.Path], document: ResultsDocument, source: pathli
     for path in (then, source.parent / then, source.parent / then.name):
         if path.is_file():
             return path
-    raise UsageError(f"--from {source}: its log {then} is not there; give the log's place besides")
+    raise UsageError(f"--from {source}: its log {then} is missing; give the path of the log as well")

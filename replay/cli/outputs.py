@@ -1,4 +1,4 @@
-"""Where the files of a run go: names that never collide and never overwrite an input."""
+"""Places of the files of a run: names that never collide and never overwrite an input."""
 
 import dataclasses
 import os

@@ -16,12 +16,21 @@ from replay.base.numbers import count
 from replay.base.run_folder import SUMMARY_FILE
 from replay.base.schemas.timing import TimingDocument
 from replay.cli.console import Common, Voice
-from replay.cli.flags import MethodFlags, WeightFlags
 from replay.cli.options import WholeNumber
 from replay.cli.reading import Reading
 from replay.cli.regress_progress import RunProgress
 from replay.cli.regress_view import again, changes_of_baseline, commands, show_advice, show_conclusion, show_timing
-from replay.cli.settings import MOST_JOBS, RUN, Layer, layer_of_file, layer_of_flags, method_names, settled
+from replay.cli.settings import (
+    MOST_JOBS,
+    RUN,
+    Layer,
+    MethodFlags,
+    WeightFlags,
+    layer_of_file,
+    layer_of_flags,
+    method_names,
+    settled,
+)
 from replay.cli.usage import ExitStatus, drop_output, reflowed
 from replay.regress.acceptance import Selection, accept_run
 from replay.regress.baseline import baseline_file, check_baseline, write_baseline

@@ -1,4 +1,4 @@
-"""What `replay regress` shows people: the verdict on a run, the changes of a baseline, times, and commands to paste."""
+"""Output of `replay regress` for people: verdict on a run, changes of a baseline, times, commands to paste."""
 
 import sys
 from collections.abc import Iterator, Sequence

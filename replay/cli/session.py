@@ -1,4 +1,4 @@
-"""What `replay optimize` does: log by log and case by case, with whatever fails kept to itself."""
+"""The work of `replay optimize`: log by log and case by case; a failure of one does not affect the others."""
 
 import dataclasses
 import pathlib
@@ -27,7 +27,7 @@ from replay.run.results import audit_document
 
 @dataclasses.dataclass(kw_only=True)
 class LogEntry:
-    """What became of one log."""
+    """Outcome of one log."""
 
     log: str
     error: str | None = None
@@ -39,11 +39,11 @@ class LogEntry:
     cases: list[dict[str, Any]] = dataclasses.field(default_factory=list)
     """One for each case that was run, for the JSON document."""
     files: list[str] = dataclasses.field(default_factory=list)
-    """What was written of the log as a whole."""
+    """Files written for the log as a whole."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _Work:
+class _LogInProgress:
     """One log while it is worked on."""
 
     log: pathlib.Path
@@ -80,7 +80,7 @@ class Session:
                     entries.append(LogEntry(log=str(log)))
                     progress = self._progress(f"{len(entries)}/{len(logs)}")
                     with self._failures_kept(entries[-1]):
-                        self._run_log(_Work(log=log, entry=entries[-1], workers=workers, progress=progress))
+                        self._run_log(_LogInProgress(log=log, entry=entries[-1], workers=workers, progress=progress))
         except KeyboardInterrupt:
             interrupted = True
             self.voice.error("interrupted; what was finished has been kept")
@@ -91,7 +91,7 @@ class Session:
         self.voice.document(document | {"logs": [dataclasses.asdict(entry) for entry in entries]})
         return status
 
-    def _run_log(self, work: _Work) -> None:
+    def _run_log(self, work: _LogInProgress) -> None:
         run = self.settings.run
         with work.progress:
             work.progress.show(work.log.name, "reading")
@@ -116,7 +116,7 @@ class Session:
             self.voice.note(f"{self.origin.source}: {line}; numbers may differ")
         return chosen
 
-    def _run_case(self, work: _Work, case: Case, names: Names) -> None:
+    def _run_case(self, work: _LogInProgress, case: Case, names: Names) -> None:
         live, interruption = self.live, None
         if live is not None:
             live.begin(case)
@@ -141,7 +141,7 @@ class Session:
         if interruption is not None:
             raise interruption
 
-    def _finish_case(self, work: _Work, run: Run, names: Names) -> None:
+    def _finish_case(self, work: _LogInProgress, run: Run, names: Names) -> None:
         """Write the files of a run and show its table, also when a file fails."""
         work.entry.fell_short |= run.fell_short
         written: list[str] = []
@@ -172,7 +172,7 @@ class Session:
             if method.traceback:
                 self.voice.trace(method.traceback)
 
-    def _write_export(self, work: _Work) -> None:
+    def _write_export(self, work: _LogInProgress) -> None:
         """Write the paths of all cases into a copy of their log."""
         with self._failures_kept(work.entry, writing=True), work.progress:
             target = self.outputs.export(work.log)

@@ -1,4 +1,4 @@
-"""What `replay optimize` is to do, from three places: its flags, a configuration file, an earlier run.
+"""Settings of `replay optimize`, from three places: its flags, a configuration file, an earlier run.
 
 Each place gives a layer: group -> option -> value, for those options alone that it names. The groups are the methods
 by name, `weights`, `reading`, and the empty name for what concerns the whole run. Layers are merged once, the more
@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import UnionType
-from typing import Annotated, Any, Final, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias, Union, get_args, get_origin
 
 import msgspec
 
@@ -22,7 +22,7 @@ from optim.model.vehicle import Vehicle
 from replay.base.documents import DocumentError, Whole, convert, read_toml
 from replay.base.errors import UsageError, unknown
 from replay.base.schemas.results import ResultsDocument
-from replay.cli.options import Option, given, options_of, with_flags
+from replay.cli.options import Option, flags_of, given, options_of, with_flags
 from replay.cli.reading import READING, read_options
 from replay.logs import ReadOptions
 from replay.pipeline import method_named
@@ -77,7 +77,7 @@ class Settings:
 
     run: RunOptions
     methods: Mapping[str, Method]
-    """Those to run, in this order: methods and chains of methods."""
+    """Methods and chains of methods to run, in this order."""
     read: ReadOptions
     weights: Weights
 
@@ -129,7 +129,7 @@ def _method(name: str, plain: Method, values: Mapping[str, Any], seed: int) -> M
 
 
 def layer_of_flags(run: Any, reading: Any, weights: Any, methods: Any) -> Layer:
-    """What was given as flags; each argument is an instance of the class of its flags, or None."""
+    """Layer of the flags that were given; each argument is an instance of the class of its flags, or None."""
     layer = {RUN: given(run), READ: given(reading)}
     layer[WEIGHTS] = given(getattr(weights, WEIGHTS, None))
     layer |= {name: given(getattr(methods, name, None)) for name in METHODS}
@@ -239,3 +239,13 @@ def _by_method(options: Mapping[str, Mapping[str, Any]]) -> Iterable[tuple[str, 
             if part not in METHODS:
                 raise DocumentError(unknown("method", part, METHODS, f"in tool.options.{name}"))
             yield part, own
+
+
+# Flags of methods and weights, which `replay optimize` and `replay regress` share.
+
+if TYPE_CHECKING:
+    MethodFlags: TypeAlias = Any
+    WeightFlags: TypeAlias = Any
+else:
+    MethodFlags = flags_of(METHODS, "Options of {name}")
+    WeightFlags = flags_of({WEIGHTS: Weights()}, "Weights of the objective J")

@@ -105,7 +105,7 @@ def checks_table(reports: Mapping[str, AuditReport]) -> Table:
 
 
 def _check_cell(check: Check | None, key: str) -> Text:
-    """What was found; marked where the check failed."""
+    """Cell with the value of a check; marked where it failed."""
     if check is None:
         return Text("not made", style="red")
     value = check.values.get(key, math.nan)

@@ -13,18 +13,18 @@ Command = TypeVar("Command", bound=Callable[..., int])
 
 
 class ExitStatus(enum.IntEnum):
-    """What a command's exit status says."""
+    """Meaning of a command's exit status."""
 
     OK = 0
     """All well."""
     SHORT = 1
-    """It ran, and something fell short: a method failed, an audit failed."""
+    """The command ran, but a method or an audit failed."""
     USAGE = 2
     """Wrong usage, or nothing among the inputs that can be used."""
     PARTIAL = 3
     """Done, but part of an input was lost, or some of several inputs could not be read."""
     INTERRUPTED = 130
-    """Stopped by Ctrl-C; what was finished is kept. Stopped by SIGTERM or SIGHUP it is 143 or 129 (`cli.signals`)."""
+    """Stopped by Ctrl-C; what was finished is kept. Stopped by SIGTERM or SIGHUP: 143 or 129 (`interrupts`)."""
 
 
 def drop_output() -> None:
@@ -61,7 +61,7 @@ _EXAMPLES = {
 
 
 def example(command: str) -> str:
-    """How a command, such as `regress accept`, is called."""
+    """Example call of a command, such as `regress accept`."""
     return to_paste(*_EXAMPLES.get(command, f"{command} --help").split())
 
 

@@ -11,7 +11,7 @@ from optim.model.problem import Problem
 from replay.recording.convergence import Plot
 from replay.recording.entities import GROUND, OUTSIDE, entity
 from replay.recording.picture import Frame
-from replay.recording.signals import limits_of, signals_of
+from replay.recording.plots import limits_of, signals_of
 from replay.recording.text import number, plain
 from replay.recording.tracks import Track
 
@@ -20,7 +20,7 @@ _KEY: Final = "solid forward, dashed reverse"
 
 
 class Content(NamedTuple):
-    """What the arrangement depends on."""
+    """Properties that the layout depends on."""
 
     problem: Problem
     tracks: list[Track]  # the recorded path first
@@ -224,7 +224,7 @@ def _with_room(plot: Plot) -> Plot:
 
 
 def _costs(content: Content, track: Track) -> rrb.Horizontal:
-    """What a method that moves points sees, and what became of it."""
+    """Views of a method that moves points: its cost map, and the result."""
     label, legend = track.style.label, max(content.legend, content.cost_legends[track.name])  # both to one scale
     dots = [entity("scene", track.name, "cost", part) for part in ("moved", "anchored")]
     seen = [entity("scene", "legend", f"cost {track.name}") + "/**", *_of(track, "cost")]

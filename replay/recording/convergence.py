@@ -14,12 +14,12 @@ from optim.model.result import IterateRecord
 from optim.numerics.arrays import Array
 from replay.base.style import ALARM, Colour
 from replay.recording.entities import entity
-from replay.recording.scene import iteration_columns
+from replay.recording.plan_view import iteration_columns
 from replay.recording.text import plain
 from replay.recording.tracks import PROGRESS, Track
 
 _LEAST_VIOLATION: Final = 1e-6  # what is smaller is drawn as this: a logarithm has no 0
-_LEAST_RESIDUAL: Final = 1e-3  # likewise: how far below its tolerance a residual lies is no news
+_LEAST_RESIDUAL: Final = 1e-3  # likewise: how far below its tolerance a residual lies does not matter
 
 
 class _Row(NamedTuple):
@@ -39,7 +39,7 @@ class Curve(NamedTuple):
     iterations: list[int]
     values: Array
     turned_down: list[bool]
-    """Which values belong to rejected trials."""
+    """Mask of the values that belong to rejected trials."""
 
 
 class Level(NamedTuple):

@@ -1,4 +1,4 @@
-"""What a method that moves points works on: its cost map and its points, those that it held in place apart."""
+"""Cost map and points of a method that moves points; points held in place are drawn separately."""
 
 import math
 from typing import Any, Final

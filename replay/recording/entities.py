@@ -11,19 +11,19 @@ from replay.recording.text import plain
 
 BODIES: Final = ("truck", "trailer")
 GROUND: Final = ("/scene/map", "/scene/obstacles", "/scene/ends/**", "/scene/scale/**")
-"""What every plan view shows."""
+"""Entities that every plan view shows."""
 OUTSIDE: Final[Colour] = (17, 18, 21)
 """Behind everything."""
 BRIGHT: Final[Colour] = (235, 235, 235)
 LABEL: Final[Colour] = (255, 255, 255)
-"""Of every text in a plan view: what it stands on is dark in a dark viewer and grey in a light one, and no other
+"""Colour of every text in a plan view: the background is dark in a dark viewer and grey in a light one, and no other
 colour can be read on both."""
 points = rr.Radius.ui_points
 """Widths and radii that do not grow when one zooms in."""
 
 
 def entity(*parts: str) -> str:
-    """An entity path from parts of which some come from outside; a chain's + would be shown escaped, as \\+."""
+    """An entity path from parts of which some come from outside; a chain's + would be shown escaped."""
     return "/" + "/".join(rr.escape_entity_path_part(plain(part).replace(JOINT, "-")) for part in parts)
 
 

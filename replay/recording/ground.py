@@ -1,4 +1,4 @@
-"""What all paths share in the plan view: map, obstacles, start and goal, legend.
+"""Parts of the plan view that all paths share: map, obstacles, start and goal, legend.
 
 Everything lies under /scene, which mirrors y: the viewer's plan views point y down, maps point it up.
 """
@@ -53,7 +53,7 @@ def log_ground(rec: rr.RecordingStream, case: Case, frame: Frame) -> None:
 
 
 def _within(lines: list[Array], frame: Frame) -> list[Array]:
-    """What of polylines is in the frame, as the map is: the legend lies above it. Each (n, 2)."""
+    """Polylines clipped to the frame, as the map is: the legend lies above it. Each (n, 2)."""
     cut = shapely.intersection(shapely.MultiLineString(lines), shapely.box(*frame))
     return [shapely.get_coordinates(part) for part in shapely.get_parts(cut) if part.geom_type == "LineString"]
 

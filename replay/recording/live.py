@@ -16,7 +16,7 @@ import rerun.blueprint as rrb
 from optim.model.objective import objective
 from optim.model.result import Iterate
 from replay.base.style import RECORDED, Style
-from replay.recording import ground, scene
+from replay.recording import ground, plan_view
 from replay.recording.blueprint import everything
 from replay.recording.entities import GROUND, OUTSIDE, entity, points
 from replay.recording.local import localised, localised_case, moved
@@ -51,7 +51,9 @@ class LiveRecording:
         ground.log_scale(rec, frame, problem)
         entries = [(RECORDED.label, RECORDED.colour), *((look.label, look.colour) for look in self._looks.values())]
         legend = ground.log_legend(rec, frame, entries, "paths")
-        scene.log_path(rec, problem.recorded, entity("scene", "recorded"), RECORDED.colour, frame, scene.RECORDED_LINE)
+        plan_view.log_path(
+            rec, problem.recorded, entity("scene", "recorded"), RECORDED.colour, frame, plan_view.RECORDED_LINE
+        )
         before = objective(problem.recorded, problem.weights)
         rec.set_time("iteration", sequence=0)
         rec.log("/solver/objective/level", rr.Scalars(before))

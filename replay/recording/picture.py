@@ -18,7 +18,7 @@ _SIMPLIFY = 0.01  # [m]: nobody sees a centimetre, and a path shrinks to a tenth
 
 
 class Frame(NamedTuple):
-    """What a view shows, an axis-parallel rectangle [m]."""
+    """Extent of a view, an axis-parallel rectangle [m]."""
 
     x0: float
     y0: float
@@ -27,18 +27,22 @@ class Frame(NamedTuple):
 
     @property
     def width(self) -> float:
+        """Extent in x [m]."""
         return self.x1 - self.x0
 
     @property
     def height(self) -> float:
+        """Extent in y [m]."""
         return self.y1 - self.y0
 
     @property
     def size(self) -> float:
+        """The larger of width and height [m]."""
         return max(self.width, self.height)
 
     @property
     def box(self) -> BaseGeometry:
+        """The frame as a polygon."""
         return shapely.box(*self)
 
     def grown(self, left: float, bottom: float, right: float, top: float) -> "Frame":
@@ -67,7 +71,7 @@ def frame_around(scene: Scene, areas: Iterable[BaseGeometry]) -> Frame:
 
 
 def fill(geometry: BaseGeometry, frame: Frame, resolution: float) -> np.ndarray:
-    """Which cells of the frame have their centre inside the geometry, row 0 at the bottom. Shape (H, W), bool.
+    """Mask of the frame's cells with their centre inside the geometry, row 0 at the bottom. Shape (H, W), bool.
 
     Even-odd rule: each edge flips every cell to the right of where it crosses the row's centre line.
     """

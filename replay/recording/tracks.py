@@ -1,4 +1,4 @@
-"""What is drawn of each path: rows at which it is shown, their place on the timelines, distances, swept area."""
+"""Drawing data of each path: rows at which it is shown, their place on the timelines, distances, swept area."""
 
 import dataclasses
 import itertools
@@ -54,7 +54,7 @@ class Track:
     nearest: Array
     """The two points that are that far apart, on the body and on the obstacle. Shape (R, 2, 2)."""
     run: MethodRun | None = None
-    """What the method made of the case; None for the recorded path."""
+    """Outcome of the method on the case; None for the recorded path."""
 
     @property
     def is_own(self) -> bool:
@@ -63,10 +63,12 @@ class Track:
 
     @property
     def picture(self) -> Picture | None:
+        """The way in which the method drew its last iterate, if it ran."""
         return self.run.picture if self.run is not None else None
 
     @property
     def iterates(self) -> tuple[Iterate, ...]:
+        """The iterates that are drawn; none for the recorded path."""
         return self.run.iterates if self.run is not None else ()
 
     def steps(self, numbers: Sequence[int]) -> IntArray:
@@ -78,6 +80,7 @@ class Track:
 
     @property
     def last_step(self) -> int:
+        """Place of the last iteration, as in `steps`."""
         return max(0, len(self.run.history) - 1) if self.run is not None else 0
 
 

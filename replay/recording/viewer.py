@@ -95,7 +95,7 @@ def _wait_for(process: "subprocess.Popen[bytes]", port: int) -> None:
 
 
 class _Live(Protocol):
-    """What a view needs of `replay.recording.live.LiveRecording`, which takes a second to load."""
+    """Interface of `replay.recording.live.LiveRecording` for a view; the class itself takes a second to load."""
 
     def iterate(self, name: str, iterate: Iterate) -> None: ...
 

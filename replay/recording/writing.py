@@ -17,7 +17,7 @@ from rerun.error_utils import RerunWarning
 from optim.numerics.arrays import Array
 from replay.base.style import Colour, Style
 from replay.base.versions import DISTRIBUTION
-from replay.recording import convergence, costs, ground, scene, signals, summary
+from replay.recording import convergence, costs, ground, overview, plan_view, plots
 from replay.recording.blueprint import Content, blueprint
 from replay.recording.entities import BODIES, entity
 from replay.recording.local import localised
@@ -90,18 +90,18 @@ def fill(rec: rr.RecordingStream, run: Run, tracks: list[Track], offset: Array) 
     ground.log_ground(rec, run.case, frame)
     ground.log_ends(rec, problem)
     ground.log_scale(rec, frame, problem)
-    scene.log_logged_poses(rec, run.case)
+    plan_view.log_logged_poses(rec, run.case)
     legend = ground.log_legend(rec, frame, [_legend_entry(tracks[0], track) for track in tracks], "paths")
     own = [track for track in tracks if track.is_own]
     areas = [(f"{track.style.label} {number(track.area.area, 0)} m²", track.style.colour) for track in own]
     areas_legend = ground.log_legend(rec, frame, areas, "areas")
     for track in own:
-        scene.log_track(rec, problem, track, frame, is_best=track is best)
+        plan_view.log_track(rec, problem, track, frame, is_best=track is best)
     for track in tracks:
-        scene.log_iterates(rec, track)
-        scene.log_rejected(rec, track, frame)
+        plan_view.log_iterates(rec, track)
+        plan_view.log_rejected(rec, track, frame)
     cost_legends = costs.log_costs(rec, problem.scene, tracks, frame)
-    signals.log_signals(rec, problem, tracks, best)
+    plots.log_signals(rec, problem, tracks, best)
     progress, residuals = convergence.main_plots(tracks), convergence.residual_plots(tracks)
     convergence.log_plots(rec, progress + residuals)
     _log_reports(rec, run, tracks, best, offset)
@@ -109,7 +109,7 @@ def fill(rec: rr.RecordingStream, run: Run, tracks: list[Track], offset: Array) 
     content = Content(
         problem=problem,
         tracks=tracks,
-        has_poses=scene.strays(run.case),
+        has_poses=plan_view.strays(run.case),
         best=best,
         frame=frame,
         legend=legend,
@@ -131,19 +131,19 @@ def _legend_entry(recorded: Track, track: Track) -> tuple[str, Colour]:
 
 def _log_reports(rec: rr.RecordingStream, run: Run, tracks: list[Track], best: Track | None, offset: Array) -> None:
     sheets = {
-        "summary": summary.summary(run, tracks, best),
-        "convergence": summary.convergence_help(tracks),
-        "residuals": summary.residuals_help(),
-        "vehicle": summary.vehicle_sheet(run),
-        "run": summary.run_sheet(run, _version(), offset),
-        "audit": summary.audit_sheet(tracks),
+        "summary": overview.summary(run, tracks, best),
+        "convergence": overview.convergence_help(tracks),
+        "residuals": overview.residuals_help(),
+        "vehicle": overview.vehicle_sheet(run),
+        "run": overview.run_sheet(run, _version(), offset),
+        "audit": overview.audit_sheet(tracks),
     }
     for name, text in sheets.items():
         rec.log(f"/report/{name}", rr.TextDocument(plain(text), media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def _send_properties(rec: rr.RecordingStream, run: Run, tracks: list[Track], best: Track | None) -> None:
-    """What a table of many recordings sorts by."""
+    """Columns that a table of many recordings sorts by."""
     before, after = run.recorded_metrics, (best or tracks[0]).metrics
     rec.send_recording_name(plain(run.case.name))
     properties = rr.AnyValues(

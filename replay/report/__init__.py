@@ -18,8 +18,8 @@ from replay.base.run_folder import SUMMARY_FILE
 from replay.base.schemas.summary import SUMMARY_SCHEMA, Summary
 from replay.report.facts import by_class, by_method, headline, ranked, state, tally
 from replay.report.history import point, trend
-from replay.report.model import RunData
-from replay.report.reading import read_run
+from replay.report.run_data import RunData
+from replay.report.run_files import read_run
 
 __all__ = ["FILES", "Report", "make_report", "summarize"]
 

@@ -8,7 +8,7 @@ from replay.base.numbers import count
 from replay.report import Report
 from replay.report.facts import acceptable, is_declared
 from replay.report.groups import failing_lines, groups
-from replay.report.model import RunData
+from replay.report.run_data import RunData
 
 _MOST_LINES = 20
 _MOST_EQUAL = 5

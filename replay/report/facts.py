@@ -12,7 +12,7 @@ from replay.base.schemas.log import MethodResult
 from replay.base.schemas.summary import Change, MethodFigures
 from replay.base.schemas.verdicts import FAILING, VERDICTS
 from replay.base.style import styles
-from replay.report.model import ResultRow, RunData
+from replay.report.run_data import ResultRow, RunData
 
 
 def figures(rows: Iterable[ResultRow]) -> MethodFigures:

@@ -11,7 +11,7 @@ from replay.base.numbers import count, percent
 from replay.base.schemas.summary import Change
 from replay.base.schemas.verdicts import FAILING, VERDICTS, Verdict
 from replay.report.facts import class_of_logs, ranked, sentence
-from replay.report.model import RunData
+from replay.report.run_data import RunData
 
 _MOST_NAMES = 8
 _MOST_LINES = 20

@@ -10,8 +10,8 @@ from replay.base.errors import ReplayError
 from replay.base.run_folder import HEAD, SUMMARY_FILE
 from replay.base.schemas.summary import LARGEST_SUMMARY, Summary, TrendPoint
 from replay.report.facts import by_method, state
-from replay.report.model import RunData
-from replay.report.reading import read_run
+from replay.report.run_data import RunData
+from replay.report.run_files import read_run
 from replay.report.safe import safe
 
 MOST_RUNS = 30

@@ -25,7 +25,7 @@ from replay.report.facts import (
     tally,
 )
 from replay.report.groups import gravest, groups
-from replay.report.model import RunData
+from replay.report.run_data import RunData
 from replay.report.safe import facts
 
 SIGNS: Final = {

@@ -8,7 +8,7 @@ from replay.base.errors import printable
 from replay.base.numbers import count, fixed, percent, shown
 from replay.base.schemas.summary import Change, MethodTiming, UnreadLog
 from replay.report.facts import class_of_logs, is_failing, ranked, sentence
-from replay.report.model import ResultRow, RunData
+from replay.report.run_data import ResultRow, RunData
 
 Key = tuple[str, str, str]
 

@@ -7,7 +7,7 @@ from replay.base.numbers import count, fixed, percent, shown
 from replay.report.facts import acceptable, by_method, headline, labels, state
 from replay.report.groups import Group, groups
 from replay.report.html import SIGNS
-from replay.report.model import RunData
+from replay.report.run_data import RunData
 
 MOST_LINES = 20
 """Rows of the table of changes; the page has all."""
@@ -15,24 +15,10 @@ MOST_LINES = 20
 
 def markdown(run: RunData) -> str:
     """The text of a comment."""
-    parts = [f"### {SIGNS[state(run)]} {escaped(headline(run))}"]
     about = [("revision", run.head.revision), ("corpus", run.head.corpus.path), ("run", run.name)]
+    parts = [f"### {SIGNS[state(run)]} {escaped(headline(run))}"]
     parts.append(", ".join(f"{name} {escaped(value)}" for name, value in about if value))
-    if not run.head.complete:
-        parts.append("**Unfinished:** this is what there is so far.")
-    if run.head.partial:
-        parts.append(f"**Only a part of the corpus:** {escaped(run.head.partial)}.")
-    if run.head.other_options:
-        parts.append(f"**Other options:** {escaped(run.head.other_options)}.")
-    if run.damaged:
-        parts.append(f"**{count(len(run.damaged), 'file')} of the run cannot be read** and are left out.")
-    if unexpected := run.unexpected:
-        names = ", ".join(escaped(error.log) for error in unexpected[:MOST_LINES])
-        parts.append(f"{count(len(unexpected), 'log')} could not be used: {names}")
-        parts += [escaped(error.cure) for error in unexpected[:MOST_LINES] if error.cure]
-    if unwritten := run.unwritten:
-        reason = escaped(next(iter(unwritten.values())))
-        parts.append(f"**{count(len(unwritten), 'recording')} could not be written:** {reason}")
+    parts += [*_extent(run), *_unusable(run)]
     changed = groups(run) if run.compared else []  # else all is new, which the headline says
     others = [group.sentence for group in changed if group.verdict == "changed"]
     parts += [f"**{escaped(line)}**" for line in others[:MOST_LINES]]
@@ -48,6 +34,33 @@ def markdown(run: RunData) -> str:
     if accept and acceptable(run):
         parts.append(f"If this is intended: `{accept.replace('`', '')}`")
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _extent(run: RunData) -> list[str]:
+    """Notes on an unfinished or partial run, and on changed options."""
+    parts = []
+    if not run.head.complete:
+        parts.append("**Unfinished:** this is what there is so far.")
+    if run.head.partial:
+        parts.append(f"**Only a part of the corpus:** {escaped(run.head.partial)}.")
+    if run.head.other_options:
+        parts.append(f"**Other options:** {escaped(run.head.other_options)}.")
+    return parts
+
+
+def _unusable(run: RunData) -> list[str]:
+    """Files of the run, logs and recordings that could not be read or written."""
+    parts = []
+    if run.damaged:
+        parts.append(f"**{count(len(run.damaged), 'file')} of the run cannot be read** and are left out.")
+    if unexpected := run.unexpected:
+        names = ", ".join(escaped(error.log) for error in unexpected[:MOST_LINES])
+        parts.append(f"{count(len(unexpected), 'log')} could not be used: {names}")
+        parts += [escaped(error.cure) for error in unexpected[:MOST_LINES] if error.cure]
+    if unwritten := run.unwritten:
+        reason = escaped(next(iter(unwritten.values())))
+        parts.append(f"**{count(len(unwritten), 'recording')} could not be written:** {reason}")
+    return parts
 
 
 def _changes(found: Sequence[Group]) -> str:

@@ -11,7 +11,7 @@ from replay.base.schemas.values import known
 from replay.base.schemas.verdicts import VERDICTS
 from replay.report.facts import class_of_logs, cost_ratio
 from replay.report.groups import notable
-from replay.report.model import ResultRow, RunData
+from replay.report.run_data import ResultRow, RunData
 
 MOST_CHANGES = 500
 MOST_CASES = 1000
@@ -28,7 +28,7 @@ class ChangeLine:
     href: str | None
     """Link to the case's recording, where there is one."""
     unwritten: str
-    """Why the recording could not be written."""
+    """Reason why the recording could not be written."""
     difference: str
     sort: float | None
     """Sort key of the column of differences."""

@@ -17,7 +17,7 @@ from replay.base.schemas.results import AuditDocument, MetricsDocument
 from replay.base.schemas.values import known
 from replay.base.schemas.verdicts import VERDICTS
 from replay.report.facts import class_of_logs, is_failing
-from replay.report.model import ResultRow, RunData
+from replay.report.run_data import ResultRow, RunData
 
 SCHEMA = "replay.rows/1"
 _TEXTS: dict[str, Callable[[ResultRow], str | None]] = {

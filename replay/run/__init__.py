@@ -1,0 +1,1 @@
+"""Runs: cases, judged results, their files."""

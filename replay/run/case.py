@@ -1,4 +1,4 @@
-"""What one recorded request is, once it has been understood: a problem and where it comes from."""
+"""One recorded request, understood: a problem and its origin."""
 
 import pathlib
 from collections.abc import Mapping
@@ -29,12 +29,12 @@ class MapImage:
 
 @dataclass(frozen=True, kw_only=True)
 class ReadReport:
-    """How far the problem's recorded path is from what the log holds, and what is odd about the log."""
+    """Distance of the problem's recorded path from the logged one, and notes about the log."""
 
     poses: int
     """Poses in the path message, before repeated ones are merged."""
     hitch: HitchSource
-    """Where the hitch angle comes from."""
+    """Source of the hitch angle."""
     max_deviation_m: float
     """Largest distance between a pose of the log and the recorded path [m]."""
     max_deviation_rad: float
@@ -67,7 +67,7 @@ class Case:
     frame: str
     """Coordinate frame of the map and of every path."""
     time_ns: int = 0
-    """When the path was logged [ns]."""
+    """Time at which the path was logged [ns]."""
     logged: Float64[Array, "n 3"] | None = None
     """Poses as the log holds them, noise and all: x, y [m], heading [rad] of the truck's rear axle, in `frame`; for
     drawing. Shape (n, 3), read-only. None where a case comes from a results file."""

@@ -38,7 +38,7 @@ class Confirmation:
     report: AuditReport
     """From the file's vehicle, scene and paths alone."""
     differences: tuple[str, ...]
-    """What the file claims and the repeated audit does not confirm, one line each."""
+    """Claims of the file that the repeated audit does not confirm, one line each."""
 
     @property
     def confirmed(self) -> bool:
@@ -49,7 +49,7 @@ class Confirmation:
 def audit_results(document: ResultsDocument) -> list[Confirmation]:
     """Repeat the audit of the recorded path and of every method's, and compare with all that the document claims.
 
-    A stored verdict "not passed" that is confirmed is no difference; `report.passed` says whether a path is sound.
+    A stored verdict "not passed" that is confirmed is not a difference; `report.passed` says whether a path is sound.
     """
     with np.errstate(all="ignore"):  # absurd numbers overflow; the audit rejects them
         return _confirmations(document)
@@ -112,7 +112,7 @@ def _audit_recorded_again(document: ResultsDocument) -> AuditReport:
 
 
 def _disagreements(stored: AuditDocument, report: AuditReport) -> Iterator[str]:
-    """Where a stored report differs from the repeated one. A stored one may have fewer checks."""
+    """Differences of a stored report from the repeated one. A stored one may have fewer checks."""
     if stored.passed is not report.passed:
         found = "; ".join(report.failures) or "passed"
         yield f"the stored audit does not say {'passed' if report.passed else 'not passed'}; repeated: {found}"
@@ -152,7 +152,7 @@ def _shown(value: Number) -> str:
 def _unfounded(
     method: MethodDocument, report: AuditReport, document: ResultsDocument, recorded: AuditReport
 ) -> Iterator[str]:
-    """What is wrong with a method's status."""
+    """Contradictions of a method's status."""
     if method.status != "improved":
         if method.path != document.recorded:
             yield f"the status is {method.status!r}, but the path is not the recorded one"

@@ -236,7 +236,7 @@ def _audit_recorded(problem: Problem) -> AuditReport:
 
 
 def _options(method: Method) -> dict[str, Any]:
-    """A method's options; of a chain, each part's by its name; empty for a method that is no dataclass."""
+    """A method's options; of a chain, each part's by its name; empty for a method that is not a dataclass."""
     if isinstance(method, Chain):
         return {name: _options(part) for name, part in method.parts}
     fields = dataclasses.fields(method) if dataclasses.is_dataclass(method) else ()

@@ -1,4 +1,4 @@
-"""What came of a case: the outcome of each method, and of the run as a whole."""
+"""Outcome of a case: of each method, and of the run as a whole."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -9,7 +9,7 @@ from optim.audit.report import AuditReport
 from optim.model.metrics import UNITS, Metrics
 from optim.model.path import Path
 from optim.model.result import Iterate, IterateRecord, Picture
-from optim.numerics.frame import data_frame
+from optim.numerics.arrays import data_frame
 from replay.base.errors import unknown
 from replay.base.numbers import count
 from replay.base.style import Style, styles
@@ -43,7 +43,7 @@ def _unit(style: Style) -> tuple[float, float, float]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MethodRun:
-    """What one method made of a case. `path` is the recorded one unless `status` is "improved"."""
+    """Outcome of one method on a case. `path` is the recorded one unless `status` is "improved"."""
 
     name: str
     status: Status
@@ -68,9 +68,9 @@ class MethodRun:
     rejected: AuditReport | None = None
     """The audit of the path that the method gave, if that audit did not pass."""
     rejected_path: Path | None = None
-    """That path, for drawing where it fails."""
+    """The rejected path, for drawing where it fails."""
     picture: Picture | None = None
-    """What the method works on besides the path, for drawing."""
+    """Shapes that the method works on, drawn beside the path."""
     compile_s: float = 0.0
     """Time that went into compiling kernels [s]; once on each machine, and again after a change of the code."""
     traceback: str = ""
@@ -102,7 +102,7 @@ class Run:
         return f"Run({self.case.name!r}: J {self.recorded_metrics.objective:.2f}{best}; {found})"
 
     def __getitem__(self, name: str) -> MethodRun:
-        """What the method of that name made of the case. Raises KeyError."""
+        """Outcome of the method of that name. Raises KeyError."""
         found = next((method for method in self.methods if method.name == name), None)
         if found is None:
             raise KeyError(unknown("method", str(name), [method.name for method in self.methods]))

@@ -46,7 +46,7 @@ def path_to_document(path: Path) -> dict[str, Any]:
 
 
 def path_from_document(document: object) -> Path:
-    """The inverse of `path_to_document`. Raises ReplayError (E_RESULTS) where the data are no path."""
+    """The inverse of `path_to_document`. Raises ReplayError (E_RESULTS) where the data are not a path."""
     try:
         stored = convert(document, PathDocument)
         return Path(

@@ -108,7 +108,7 @@ def _check(check: Check) -> CheckDocument:
 
 
 def read_document(read: ReadReport) -> ReadDocument:
-    """What reading the log found, as plain data."""
+    """Findings from reading the log, as plain data."""
     return ReadDocument(**vars(read))
 
 
@@ -122,7 +122,7 @@ def write_results(path: str | os.PathLike[str], document: ResultsDocument) -> No
 def read_results(path: str | os.PathLike[str]) -> ResultsDocument:
     """Read a results file from anywhere. What its paths and numbers are worth is the business of `replay.run.confirm`.
 
-    Raises ReplayError (E_RESULTS), one line that names the field, for what is no results file.
+    Raises ReplayError (E_RESULTS), one line that names the field, for anything but a results file.
     """
     try:
         return read_json(path, ResultsDocument, LARGEST_FILE)

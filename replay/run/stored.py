@@ -34,7 +34,7 @@ from replay.run.plain import RESULTS_ERROR, path_from_document, scene_from_docum
 
 
 def run_of(document: ResultsDocument, source: str) -> Run:
-    """The run of a results document. ReplayError (E_RESULTS) where a field is no good."""
+    """The run of a results document. ReplayError (E_RESULTS) where a field cannot be used."""
     with _rebuilt(f"{source}: its run"):
         return _run(document)
 
@@ -82,7 +82,7 @@ def _limits(tool: ToolDocument) -> Limits | None:
 
 
 def problem_of(document: ResultsDocument) -> Problem:
-    """The problem that a results document states. ReplayError (E_RESULTS) where a field is no good."""
+    """The problem that a results document states. ReplayError (E_RESULTS) where a field cannot be used."""
     with _rebuilt("its problem"):
         return _problem(document)
 

@@ -24,7 +24,7 @@ _CURVATURE = 1e-10  # pairs with less curvature than this, relative to their siz
 
 
 class BfgsSolution(NamedTuple):
-    """Where the minimiser ended."""
+    """Result of the minimiser."""
 
     points: Float64[Array, "M 2"]  # [m]
     value: float  # F

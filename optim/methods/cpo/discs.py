@@ -35,7 +35,7 @@ class Discs:
     radius: Float64[Array, " D"]
     """Radius [m]. Shape (D,)."""
     width: Float64[Array, " D"]
-    """What a disc counts for in the obstacle term [m]: its share of the outline. Shape (D,)."""
+    """Weight of a disc in the obstacle term [m]: its share of the outline. Shape (D,)."""
 
 
 def covering_discs(vehicle: Vehicle, excess: float) -> Discs:

@@ -65,7 +65,7 @@ def steering(vehicle: Vehicle, kappa: NDArray, sigma: NDArray, curl: NDArray) ->
 
 @dataclass(frozen=True, eq=False)
 class _StretchFit:
-    """What is fitted, and the sums of squares of a guess: coefficients c (m,) and length [m]."""
+    """The curve to fit, and the sums of squares of a guess: coefficients c (m,) and length [m]."""
 
     vehicle: Vehicle
     basis: Basis
@@ -74,7 +74,7 @@ class _StretchFit:
     end: Array  # (5,)
 
     def misfit(self, c: Array, length: float, limit: float) -> tuple[Array, Array]:
-        """What is to become small, shape (r,), and what must vanish: the gap at the end, shape (3,)."""
+        """Residuals to minimise, shape (r,), and the gap at the end, which must vanish, shape (3,)."""
         position = positions(self.start, length * (self.basis.turn_nodes @ c), length)
         scale = math.sqrt(length / (len(position) - 1))
         beside = (position - self.target).T.ravel() * (scale / _POSITION)
@@ -183,7 +183,7 @@ def _first_guess(vehicle: Vehicle, points: Array, start: Array, end: Array) -> t
 
 
 def _step(fit: _StretchFit, c: Array, length: float, limit: float, damping: float) -> tuple[Array, float, float]:
-    """One Gauss-Newton step of (c, length), shape (m + 1,), what it is to lower the merit by, and the gap's price."""
+    """One Gauss-Newton step of (c, length), shape (m + 1,), the merit's predicted decrease, and the gap's price."""
     misfit, gap = fit.misfit(c, length, limit)
     rows, closing = fit.jacobian(c, length, limit)
     free = np.r_[1 : len(c) - 1, len(c)]  # the curvature at both ends is given

@@ -214,7 +214,7 @@ class Cpo:
 
 
 def _failing(axle: RecordedAxle, trial: SegmentTrial, widening: float) -> Array:
-    """Where the trial fails, as intervals of shares, widened at both ends. Shape (k, 2)."""
+    """Intervals of shares in which the trial fails, widened at both ends. Shape (k, 2)."""
     assert trial.stretch is not None
     fails = np.any([check.fails for check in trial.checks], axis=0)
     segment = trial.stretch.segment

@@ -1,7 +1,7 @@
 """The points of one segment: where they are, which of them may move, and where they were on the recorded path.
 
 Rows are in the order of the trailer's heading, so that a reverse segment is read from its end. The first and the
-last row are no points of the path: together with the two anchored samples at each end they make the curvature of
+last row are not points of the path: together with the two anchored samples at each end they make the curvature of
 the end that of the recorded path, so that both sides of a cusp meet in it.
 """
 
@@ -50,7 +50,7 @@ class AxlePoints:
     xy: Float64[Array, "M 2"]
     """M points, the first and the last beyond the ends [m]. Shape (M, 2)."""
     share: Float64[Array, " M"]
-    """Where on the recorded axle each began. Shape (M,)."""
+    """Start of each point along the recorded axle. Shape (M,)."""
     anchored: Bool[BoolArray, " M"]
     """Points that do not move. Shape (M,)."""
     spacing: float
@@ -58,7 +58,7 @@ class AxlePoints:
 
     @property
     def length(self) -> float:
-        """Of the polyline [m]."""
+        """Length of the polyline [m]."""
         return float(np.hypot(*np.diff(self.on_path, axis=0).T).sum())
 
     @property

@@ -69,5 +69,5 @@ def sampled(vehicle: Vehicle, c: Array, length: float, start: Array, spacing: fl
 
 
 def _gauss_nodes(panels: int) -> Array:
-    """Of all panels of [0, 1] in a row. Shape (4 panels,)."""
+    """Gauss nodes of all panels of [0, 1], in order. Shape (4 panels,)."""
     return ((np.arange(panels)[:, None] + _GAUSS_X) / panels).ravel()

@@ -36,7 +36,7 @@ from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array
 
 _SHARE = 0.98
-"""Of a limit, from which on curvature costs: a penalty alone would leave the points a little beyond it."""
+"""Share of a limit above which curvature costs: a penalty alone would leave the points a little beyond it."""
 BAND = 8
 """Diagonals of the metric on and below the main one: two coordinates of four neighbouring points."""
 

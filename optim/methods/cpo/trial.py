@@ -1,4 +1,4 @@
-"""What a round makes of a segment, and the checks that decide whether it is taken.
+"""Result of a round for one segment, and the checks that decide whether it is accepted.
 
 The checks are those of the audit: limits at the samples, clearance between them.
 """
@@ -31,7 +31,7 @@ class LimitCheck(NamedTuple):
 
     @property
     def is_kept(self) -> bool:
-        """Whether it fails nowhere."""
+        """Whether all checks pass."""
         return not self.fails.any()
 
     def __str__(self) -> str:
@@ -39,7 +39,7 @@ class LimitCheck(NamedTuple):
 
 
 class SegmentTrial(NamedTuple):
-    """What a round made of the segment."""
+    """Result of a round for the segment."""
 
     points: AxlePoints
     stretch: Stretch | None  # None where no curve beside the points was found

@@ -1,0 +1,1 @@
+"""Non-linear programming by interior point."""

@@ -5,6 +5,7 @@ Source: Esteban Cabezos 2020, section 4.4 (its text is missing); collision const
 `optim.knots.rounds` for what is done about clearance between knots and redundant gear changes.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -14,7 +15,6 @@ import numpy as np
 from optim.knots.between import missing_at_knots
 from optim.knots.rounds import Announce, KnotSolution, improve
 from optim.knots.transcription import STEP_RANGE, Knots, defects, objective_of
-from optim.methods.nlp.callback import new_callback
 from optim.methods.nlp.duals import Pairs, pairs_within
 from optim.methods.nlp.model import Program, Units, build, knots_at
 from optim.model.problem import Problem
@@ -123,8 +123,8 @@ class Ipopt:
         import casadi as ca
 
         program = build(self.problem, knots, required, pairs, self.units, self.step_range)
-        watched = _Watched(self, program, knots, required, announce)
-        callback = new_callback((program.start.size, program.low_g.size), watched)
+        watched = _Announcer(self, program, knots, required, announce)
+        callback = _callback((program.start.size, program.low_g.size), watched)
         options: dict[str, Any] = {
             "print_time": False,
             "record_time": True,
@@ -149,7 +149,7 @@ class Ipopt:
         return solved, stats["return_status"], int(stats["iter_count"])
 
 
-class _Watched:
+class _Announcer:
     """Announces the iterates of one run of IPOPT."""
 
     def __init__(self, ipopt: Ipopt, program: Program, like: Knots, required: Array, announce: Announce) -> None:
@@ -157,7 +157,7 @@ class _Watched:
         self._before: Array | None = None
 
     def __call__(self, x: Array, g: Array, stats: dict[str, Any]) -> None:
-        """Announce the knots in the unknowns `x`, unless they are no path."""
+        """Announce the knots in the unknowns `x`, unless they do not form a path."""
         problem, knots = self.ipopt.problem, knots_at(x, self.like, self.ipopt.units)
         if not np.isfinite(x).all() or (knots.h[knots.gear != 0] <= 0.0).any():
             return
@@ -178,7 +178,7 @@ class _Watched:
         )
 
     def _residuals(self, g: Array, stats: dict[str, Any]) -> dict[str, float]:
-        """What decides when IPOPT ends: its dual infeasibility, and the constraints as they are stated.
+        """Residuals that decide when IPOPT ends: its dual infeasibility, and the constraints as stated.
 
         Its own figure for the constraints includes the slacks, which it mends only after the last iterate: 7e-2 was
         seen where the constraints held to 3e-10.
@@ -188,3 +188,45 @@ class _Watched:
             "optimality": stats["iterations"]["inf_du"][-1] / self.ipopt.options.tolerance,
             "constraints": float(np.maximum(low - g, g - high).max(initial=0.0)) / _VIOLATION,
         }
+
+
+def _callback(sizes: tuple[int, int], on_iterate: Callable[[Array, Array, dict[str, Any]], None]) -> Any:
+    """The callback for CasADi that passes unknowns, constraints and statistics of every iterate to `on_iterate`.
+
+    Its attribute `solver` must be set to the solver that it watches; `error` is what `on_iterate` has raised, or None.
+    sizes: numbers of unknowns and of constraints.
+    """
+    import casadi as ca
+
+    class Watch(ca.Callback):
+        def __init__(self) -> None:
+            ca.Callback.__init__(self)
+            self.error: BaseException | None = None
+            self.solver: Any = None
+            self.construct("watch", {})
+
+        def get_n_in(self) -> int:
+            return ca.nlpsol_n_out()
+
+        def get_n_out(self) -> int:
+            return 1
+
+        def get_name_in(self, i: int) -> str:
+            return ca.nlpsol_out(i)
+
+        def get_sparsity_in(self, i: int) -> Any:
+            name = ca.nlpsol_out(i)
+            if name == "f":
+                return ca.Sparsity.scalar()
+            size = {"x": sizes[0], "lam_x": sizes[0], "g": sizes[1], "lam_g": sizes[1]}.get(name, 0)
+            return ca.Sparsity.dense(size, 1) if size else ca.Sparsity(0, 0)
+
+        def eval(self, arguments: Any) -> list[int]:
+            try:
+                on_iterate(np.asarray(arguments[0]).ravel(), np.asarray(arguments[2]).ravel(), self.solver.stats())
+            except BaseException as error:  # must not cross the C++ boundary: IPOPT stops, then it is raised again
+                self.error = error
+                return [1]
+            return [0]
+
+    return Watch()

@@ -38,10 +38,10 @@ class Program:
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """Of the program."""
+    """Units of the program."""
 
     origin: Float64[Array, " 2"]
-    """Where positions are counted from [m]. Shape (2,)."""
+    """Origin of positions [m]. Shape (2,)."""
     length: float
     """The unit of length [m]."""
 
@@ -59,7 +59,7 @@ class _Columns:
         self.low: list[Array] = []
         self.high: list[Array] = []
         self.start: list[Array] = []
-        """Of unknowns only."""
+        """First values of the unknowns; constraints have none."""
 
     def add(self, symbol: Any, low: Array, high: Array, start: Array | None = None) -> Any:
         """Take in a block and give its symbol back."""

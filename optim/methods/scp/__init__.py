@@ -1,0 +1,1 @@
+"""Successive convex programming."""

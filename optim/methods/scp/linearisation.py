@@ -1,4 +1,4 @@
-"""What the sub-problem is made of: everything about the knots that is linear or quadratic in a small step, scaled.
+"""Data of the sub-problem: everything about the knots that is linear or quadratic in a small step, scaled.
 
 Scaled units: positions in `Scales.length`, angles in `Scales.angle`, step lengths in `Scales.step`, J in
 `Scales.cost`; everything is then of order one whatever the size of vehicle and map.
@@ -24,13 +24,13 @@ class Scales:
     """Units of the sub-problem."""
 
     length: float
-    """Of positions [m]."""
+    """Unit of positions [m]."""
     angle: float
-    """Of headings, hitch and steering angles [rad]."""
+    """Unit of headings, hitch and steering angles [rad]."""
     step: float
-    """Of step lengths [m]."""
+    """Unit of step lengths [m]."""
     cost: float
-    """Of J [-]."""
+    """Unit of J [-]."""
 
     @cached_property
     def state(self) -> Array:
@@ -39,7 +39,7 @@ class Scales:
 
     @cached_property
     def block(self) -> Array:
-        """Of (theta, alpha, phi_k, phi_{k+1}, h). Shape (5,)."""
+        """Units of (theta, alpha, phi_k, phi_{k+1}, h). Shape (5,)."""
         return frozen([self.angle] * 4 + [self.step])
 
     @staticmethod
@@ -64,7 +64,7 @@ class Linearisation:
     defects: Float64[Array, "K-1 4"]
     """Scaled. Shape (K - 1, 4)."""
     jacobian: Float64[Array, "K-1 4 7"]
-    """Of the steps, scaled, by (x, y, theta, alpha, phi_k, phi_{k+1}, h). Shape (K - 1, 4, 7)."""
+    """Derivatives of the steps, scaled, by (x, y, theta, alpha, phi_k, phi_{k+1}, h). Shape (K - 1, 4, 7)."""
     factor: Float64[Array, "K-1 5 5"]
     """F with F'F the curvature of the Lagrangian by (theta, alpha, phi_k, phi_{k+1}, h), upper. (K - 1, 5, 5)."""
     rows: Separations

@@ -30,7 +30,7 @@ class Point:
     missing: Float64[Array, "K 2"]
     """Clearance that truck and trailer lack. Shape (K, 2)."""
     excess: Float64[Array, " 2*K-1"]
-    """Of hitch angles and steering rates, which only corrections can cause. Shape (2 K - 1,)."""
+    """Excess of hitch angles and steering rates, which only corrections can cause. Shape (2 K - 1,)."""
 
     @property
     def violation(self) -> float:

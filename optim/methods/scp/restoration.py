@@ -40,9 +40,9 @@ class _BrokenRows:
     column: IntArray
     value: Array
     missing: Array
-    """Of each row, in scaled units."""
+    """What each row lacks, in scaled units."""
     knot: IntArray
-    """Of each row: where it belongs along the path."""
+    """Knot that each row belongs to."""
 
 
 def restore(problem: Problem, knots: Knots, factor: Array, scales: Scales, limits: KnotLimits) -> Knots:

@@ -38,7 +38,7 @@ LINEAR: Final = {"phi": "g_phi", "h": "g_h", "nu": "lambda", "zeta": "mu"}
 DEPENDS: Final = ((2,), (2,), (), (3,))
 """On which states of its start each state of an interval's end depends by a factor of its own; see `OWN`."""
 OWN: Final = (True, True, True, False)
-"""Whether a state's own value enters with the factor one besides: x, y and theta are what they were plus a change."""
+"""Whether a state's own value enters with the factor one as well: x, y and theta are what they were plus a change."""
 
 
 def bucket(num_knots: int) -> int:
@@ -125,7 +125,7 @@ def statement(num_knots: int) -> Statement:
         return sum((cp.multiply(given(name, M), value) for name, value in inputs), own)
 
     def clear(body: int) -> Any:
-        """What the rows of a body's distances gain by the step. Shape (K, SLOTS)."""
+        """Change of the rows of a body's distances by the step. Shape (K, SLOTS)."""
         spread = np.ones((1, SLOTS))
         terms = [cp.multiply(given(f"G{body}{j}", K, SLOTS), q[:, j : j + 1] @ spread) for j in range(3 + body)]
         slack = cp.multiply(given(f"zeta{body}", K), zeta[:, body])

@@ -20,7 +20,7 @@ _ANGLE_SHARE, _STEP_SHARE = 1.5, 0.5
 
 @dataclass(frozen=True, eq=False)
 class KnotLimits:
-    """What a step must keep within."""
+    """Limits of a step."""
 
     required: Float64[Array, "K 2"]
     """Clearance to keep at each knot by truck and trailer [m]. Shape (K, 2)."""
@@ -63,7 +63,7 @@ class SubproblemSolution:
     r: Float64[Array, "K-1 5"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
     """F times the step; half its square is the curvature's part of the model. Shape (K - 1, 5)."""
     multipliers: Float64[Array, "K-1 4"] | Float64[Array, " 0"] = field(default_factory=lambda: _NOTHING)
-    """Of the scaled dynamics. Shape (K - 1, 4)."""
+    """Multipliers of the scaled dynamics. Shape (K - 1, 4)."""
 
     @property
     def size(self) -> float:
@@ -247,7 +247,7 @@ def _solve_cvxpy(stated: Statement, values: dict[str, Array], count: int, solver
         parameter.value = values[name]
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # an inaccurate solution is no solution here, and told by its status
+            warnings.simplefilter("ignore")  # an inaccurate solution counts as none: its status shows it
             stated.problem.solve(solver=solver.upper(), enforce_dpp=True)
     except cp.SolverError as error:
         return SubproblemSolution(f"solver error: {' '.join(str(error).split())}", 0.0)

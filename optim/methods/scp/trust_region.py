@@ -1,4 +1,4 @@
-"""How far the convex model is trusted, and how long a search that gets nowhere goes on."""
+"""The trust region, and the patience with a search that makes no progress."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ LEAST_RADIUS, _LARGEST_RADIUS = 1e-4, 10.0  # relative to the first
 ACCEPT_ABOVE, _SHRINK_BELOW, _GROW_ABOVE = 1e-3, 0.25, 0.7  # ratio of actual to predicted decrease (Oguri 2023)
 _AT_BOUND = 0.9  # share of the radius from which on a step counts as held by the trust region
 LARGEST_WEIGHT = 1e8
-"""Largest weight of the squared violation; at it the violation is all that counts."""
+"""Largest weight of the squared violation; there the violation is all that counts."""
 _PATIENCE = 12  # sub-problems at the largest weight that do not halve the violation: nothing near is feasible
 
 

@@ -1,4 +1,4 @@
-"""What a folder of logs declares about itself, schema `replay.corpus/1`: its `corpus.toml`."""
+"""Declarations of a folder of logs about itself, schema `replay.corpus/1`: its `corpus.toml`."""
 
 import fnmatch
 from typing import Final, Literal

@@ -58,11 +58,11 @@ class CaseResult(Struct, frozen=True, kw_only=True):
     """Path of the recording within the run's folder; null where it could not be written, absent where none was
     wanted."""
     recording_error: str | UnsetType = UNSET
-    """Why the recording could not be written."""
+    """Reason why the recording could not be written."""
 
 
 class LogFailure(Struct, frozen=True, kw_only=True):
-    """Why a log could not be used."""
+    """Reason why a log could not be used."""
 
     code: str
     message: str
@@ -80,7 +80,7 @@ class LogResults(Struct, frozen=True, kw_only=True):
     kind: str = field(default="", name="class")
     tags: tuple[str, ...] = ()
     expect: str = ""
-    """What `corpus.toml` expects: improved, kept or an error's code."""
+    """Outcome that `corpus.toml` expects: improved, kept or an error's code."""
     declared: str = ""
     """Line of `corpus.toml` that says so, as path:line."""
     error: LogFailure | None = None

@@ -70,7 +70,7 @@ class MetricsDocument(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PlaceDocument(msgspec.Struct, frozen=True, kw_only=True):
-    """Where on a path a check is worst."""
+    """Place on a path where a check is worst."""
 
     segment: Whole
     s: Number
@@ -110,7 +110,7 @@ class IterateDocument(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MethodDocument(msgspec.Struct, frozen=True, kw_only=True):
-    """What one method made of the case; `path` is the recorded one unless `status` is "improved"."""
+    """Outcome of one method on the case; `path` is the recorded one unless `status` is "improved"."""
 
     name: str
     status: Literal["improved", "kept", "failed"]

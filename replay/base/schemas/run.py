@@ -30,7 +30,7 @@ class OptionsDocument(Struct, frozen=True, kw_only=True):
 
 
 class CorpusPlace(Struct, frozen=True, kw_only=True):
-    """Where the logs of a run are, and how many of them were to be worked on."""
+    """Place of the logs of a run, and how many of them it covers."""
 
     path: str = ""
     num_logs: Whole | None = None
@@ -46,7 +46,7 @@ class Commands(Struct, frozen=True, kw_only=True):
 
 
 class RunHead(Struct, frozen=True, kw_only=True):
-    """What a run is to do, with which program, and whether it has come to its end."""
+    """Plan of a run, the program that executes it, and whether it is complete."""
 
     schema: Literal["replay.run/1"]
     created: str = ""

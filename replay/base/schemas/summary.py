@@ -21,7 +21,7 @@ class Change(Struct, frozen=True, kw_only=True):
     key: str = ""
     unit: str = ""
     direction: str = ""
-    """Which way is better: lower, higher or exact."""
+    """Direction that is better: lower, higher or exact."""
     before: float | str | None = None
     after: float | str | None = None
     verdict: Verdict
@@ -55,7 +55,7 @@ class UnreadLog(Struct, frozen=True, kw_only=True):
     expected: bool
     """Whether the corpus announces the error, the baseline has it, or it is a known issue."""
     cure: str
-    """How the corpus would announce it; empty where that is no cure."""
+    """Line for the corpus list that would declare it; empty where that does not help."""
 
 
 class MethodTiming(Struct, frozen=True, kw_only=True):

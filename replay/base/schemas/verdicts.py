@@ -27,7 +27,7 @@ class Comparison(Struct, frozen=True, kw_only=True):
     """Name of the figure; `result`, `case`, `log`, `error`, `expect`, `sha256` or `known issue` for what is none."""
     unit: str = "-"
     direction: str = "exact"
-    """Which way is better: lower, higher or exact."""
+    """Direction that is better: lower, higher or exact."""
     rel_tol: float | None = None
     abs_tol: float | None = None
     """In `unit`; both tolerances are added."""

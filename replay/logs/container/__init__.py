@@ -1,0 +1,1 @@
+"""Containers of messages: MCAP files and rosbag2 folders."""

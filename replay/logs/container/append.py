@@ -170,20 +170,26 @@ def _walk(source: BinaryIO, index: _Index) -> int:
             chunk = index.add_chunk(at, _exactly(source, min(length, _HEAD)), length)
         elif opcode == Opcode.MESSAGE_INDEX and chunk is not None:
             chunk.message_index_offsets[int.from_bytes(_exactly(source, 2), "little")] = at
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            index.define(opcode, _exactly(source, length))
-        elif opcode == Opcode.MESSAGE:
-            index.cover(r.MESSAGE_PREFIX.unpack(_exactly(source, r.MESSAGE_PREFIX.size))[2])
-        elif opcode == Opcode.ATTACHMENT:
-            index.add_attachment(at, _exactly(source, min(length, _HEAD)), length)
-        elif opcode == Opcode.METADATA:
-            name = r.parsed(kinds.Metadata, RecordStream(_exactly(source, length))).name
-            index.metadata.append(kinds.MetadataIndex(at, r.RECORD_PREFIX.size + length, name))
+        else:
+            _enter(source, index, at, opcode, length)
         source.seek(at + r.RECORD_PREFIX.size + length)
     if not set(index.counts) <= set(index.channels):  # most writers define channels within chunks
         for each in index.chunks:
             _define_within(source, each, index)
     return at
+
+
+def _enter(source: BinaryIO, index: _Index, at: int, opcode: int, length: int) -> None:
+    """Enter a record outside of chunks into the index; `source` is at its content, `at` is where the record begins."""
+    if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+        index.define(opcode, _exactly(source, length))
+    elif opcode == Opcode.MESSAGE:
+        index.cover(r.MESSAGE_PREFIX.unpack(_exactly(source, r.MESSAGE_PREFIX.size))[2])
+    elif opcode == Opcode.ATTACHMENT:
+        index.add_attachment(at, _exactly(source, min(length, _HEAD)), length)
+    elif opcode == Opcode.METADATA:
+        name = r.parsed(kinds.Metadata, RecordStream(_exactly(source, length))).name
+        index.metadata.append(kinds.MetadataIndex(at, r.RECORD_PREFIX.size + length, name))
 
 
 def _define_within(source: BinaryIO, chunk: kinds.ChunkIndex, index: _Index) -> None:

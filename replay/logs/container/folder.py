@@ -14,8 +14,8 @@ from typing import Final
 
 from replay.base.errors import LogError, printable
 from replay.logs.container.log import Channel, Finding, Log, Message, ReadLimits
+from replay.logs.container.log_bytes import not_a_file
 from replay.logs.container.scan import scan
-from replay.logs.container.source import not_a_file
 
 METADATA: Final = "metadata.yaml"
 MAX_METADATA: Final = 1 << 20
@@ -28,7 +28,7 @@ def open_log(path: str | os.PathLike[str], wanted: Callable[[Channel], bool], li
     """Read a log, a file or a folder of rosbag2's, and keep the messages of wanted channels.
 
     Raises:
-        LogError: as `scan` does, or a folder that is no bag.
+        LogError: as `scan` does, or a folder that is not a bag.
     """
     path = Path(path)
     if not path.is_dir():

@@ -20,9 +20,9 @@ from replay.logs.container import records as r
 from replay.logs.container.collect import Collector
 from replay.logs.container.compression import BadChunk, unpack_chunk
 from replay.logs.container.log import Channel, Findings, Log, ReadLimits
+from replay.logs.container.log_bytes import Cut, Source
 from replay.logs.container.records import Malformed, Opcode, RecordStream
-from replay.logs.container.source import Cut, Source
-from replay.logs.container.summary import Summary, read_attachment
+from replay.logs.container.summary_section import SummarySection, read_attachment
 
 _HELD = {Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.METADATA, Opcode.DATA_END}
 
@@ -46,7 +46,7 @@ class _Scan:
         self.limits = limits
         self.findings = Findings()
         self.collected = Collector(source.path, wanted, limits, self.findings)
-        self.summary = Summary()
+        self.summary = SummarySection()
         self.header: tuple[str, str] | None = None
         self.unpacked_bytes = 0
         self.data_ended = self.cut = False

@@ -1,0 +1,1 @@
+"""Meaning of messages: from decoded messages to cases."""

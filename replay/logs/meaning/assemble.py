@@ -15,14 +15,14 @@ from optim.numerics.arrays import Array, frozen
 from replay.base.errors import LogError, printable
 from replay.logs.container.folder import open_log
 from replay.logs.container.log import Log
-from replay.logs.meaning.checks import check_ends, check_fit, check_recorded, deviation, hitch_notes
 from replay.logs.meaning.frames import Frames, frame_name, in_frame
 from replay.logs.meaning.hitch import FRAME_WORD, Angles, Hitch, combined, sources
 from replay.logs.meaning.maps import LogMap, Maps
-from replay.logs.meaning.options import ReadOptions
 from replay.logs.meaning.pairing import TOLERANCE, hitch_angles, hitch_misfit, trailer_at_poses
 from replay.logs.meaning.planar import Refusal
-from replay.logs.meaning.poses import RecordedPoses, kept_indices, recorded_poses, to_plane
+from replay.logs.meaning.plausibility import check_ends, check_fit, check_recorded, deviation, hitch_notes
+from replay.logs.meaning.read_options import ReadOptions
+from replay.logs.meaning.recorded_poses import RecordedPoses, kept_indices, recorded_poses, to_plane
 from replay.logs.meaning.repair import repaired
 from replay.logs.meaning.roles import truck_and_trailer
 from replay.logs.meaning.stated import (
@@ -70,7 +70,7 @@ def cases_of(log: Log, topics: Sequence[Topic], options: ReadOptions) -> list[Ca
         frames=frames,
     )
     notes += _doubts(vehicle, truck, trailer, options)
-    reader = _Reader(
+    reader = _CaseReader(
         log=log,
         topics=topics,
         options=options,
@@ -106,7 +106,7 @@ class _Request:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Reader:
+class _CaseReader:
     """Makes the cases of one log."""
 
     log: Log
@@ -144,7 +144,7 @@ class _Reader:
         if not cases:
             raise errors[0]
         repeated = len(self.truck.messages) - number
-        notes = [f"{repeated} path messages repeat an earlier one and are no requests of their own"] if repeated else []
+        notes = [f"{repeated} path messages repeat an earlier one and are not separate requests"] if repeated else []
         notes += [f"a request could not be used: {error.message}" for error in errors[:5]]
         lost = self.log.lost or bool(errors)
         return [_with_notes(case, (*self.notes, *notes), lost) for case in cases]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from optim.numerics.arrays import Array, IntArray
-from replay.logs.meaning.motion import Noise, sideways
+from replay.logs.meaning.noisy_motion import Noise, sideways
 from replay.logs.meaning.planar import Refusal
 
 LARGEST_STEP = 2.0
@@ -16,7 +16,7 @@ NOTED_JUMP = 0.15
 """The least that gets a note [m]."""
 _ALONG = 0.2  # angle between the headings beside a gap and the way over it, at most [rad]
 _TURN, _TURN_RATE = 0.05, 0.17  # change of heading over a gap, at most [rad], [rad/m]: that of the tightest turn
-_NOISY = 6.0  # standard deviations of the noise that are no jump
+_NOISY = 6.0  # standard deviations of the noise that do not count as a jump
 _STEERED = 0.016  # [1/m^2]: steering as fast as trucks can leads aside from an arc by that times the length cubed
 
 
@@ -24,7 +24,7 @@ def check_steps(plane: Array) -> list[str]:
     """A note on each gap between the poses (m, 3) that can be bridged.
 
     Raises:
-        Refusal: E_PATH_DISCONTINUOUS, for what is no gap but a jump, or too long; E_RANGE, if all are far apart.
+        Refusal: E_PATH_DISCONTINUOUS, for a jump, or a gap that is too long; E_RANGE, if all are far apart.
     """
     steps = np.hypot(*np.diff(plane[:, :2], axis=0).T)
     notes = []

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from optim.geometry.cover import cover_cells
 from optim.model.vehicle import Vehicle, body_poses
 from optim.numerics.arrays import Array
-from replay.logs.meaning.options import ReadOptions
 from replay.logs.meaning.planar import Refusal, planar
+from replay.logs.meaning.read_options import ReadOptions
 from replay.logs.messages.types import Grid
 from replay.run.case import MapImage
 
@@ -16,7 +16,7 @@ MAX_CELLS = 64_000_000
 RESOLUTIONS = (0.01, 2.0)
 """Smallest and largest side of a cell [m]."""
 MOST_UNKNOWN = 0.25
-"""Share of a body's area from which it stands on unknown cells [-]. Less is told as a collision: in a narrow passage
+"""Share of a body's area from which it stands on unknown cells [-]. Less counts as a collision: in a narrow passage
 noise in the poses moves a trailer's tail by decimetres."""
 OUTSIDE = 127
 """`cells_at` of a point that lies outside the grid."""

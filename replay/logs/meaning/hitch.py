@@ -8,10 +8,10 @@ import numpy as np
 from optim.numerics.arrays import Array, IntArray
 from replay.base.errors import LogError, printable
 from replay.logs.meaning.frames import Frames, frame_name
-from replay.logs.meaning.options import ReadOptions
 from replay.logs.meaning.pairing import at_stamps, hitch_angles
 from replay.logs.meaning.planar import Refusal, planar
-from replay.logs.meaning.poses import RecordedPoses
+from replay.logs.meaning.read_options import ReadOptions
+from replay.logs.meaning.recorded_poses import RecordedPoses
 from replay.logs.meaning.topics import Topic
 from replay.logs.messages.types import Joints, PoseSeries, Transform
 from replay.run.case import HitchSource
@@ -147,7 +147,7 @@ def at_poses(angles: Angles, recorded: RecordedPoses, series: PoseSeries, log_ti
     """Hitch angles at the kept poses (n,), or only the one at the time of a path that was planned as a whole.
 
     Raises:
-        Refusal: the samples end before the path does, or an angle is no hitch angle.
+        Refusal: the samples end before the path does, or an angle is not a hitch angle.
     """
     values = np.unwrap(angles.values)
     count = len(series.poses)

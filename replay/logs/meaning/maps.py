@@ -13,8 +13,8 @@ from optim.numerics.arrays import Array
 from replay.logs.meaning.frames import Frames, frame_name
 from replay.logs.meaning.grid import cells_at, check_under_path, grid_polygons, map_image, outline
 from replay.logs.meaning.markers import MAX_POLYGONS, Markers, apply_markers, marker_polygons
-from replay.logs.meaning.options import ReadOptions
 from replay.logs.meaning.planar import Refusal
+from replay.logs.meaning.read_options import ReadOptions
 from replay.logs.meaning.topics import Topic, refused
 from replay.logs.messages.types import Grid, Marker, Ring
 from replay.run.case import MapImage
@@ -64,7 +64,7 @@ class Maps:
         self._grids: dict[tuple[object, ...], LogMap] = {}
         """By what is in them: a latched map repeats itself."""
         self._markers_then: tuple[int, Markers] = 0, {}
-        """The markers that are there after so many messages."""
+        """The markers that are there after the first `count` messages."""
 
     def index_at(self, log_time: int) -> int:
         """The newest message up to a time, else the first one after it."""
@@ -81,7 +81,7 @@ class Maps:
             return self._understood[index], notes
         except Refusal as error:
             refused(self.topic, index, error)
-        except ValueError as error:  # from the scene: shapes that are no obstacles, grids too wide
+        except ValueError as error:  # from the scene: shapes that are not obstacles, grids too wide
             self.topic.fail("E_MAP", str(error), index)
 
     def _grid(self, index: int) -> LogMap:
@@ -177,7 +177,7 @@ def ring_polygons(rings: list[Ring]) -> tuple[list[Array], list[str]]:
     polygons = []
     for number, ring in enumerate(rings):
         if not np.isfinite(ring.points).all() or np.abs(ring.points).max(initial=0.0) > 1e8:
-            raise Refusal("E_NONFINITE", f"polygon {number} holds a value that is no finite place")
+            raise Refusal("E_NONFINITE", f"polygon {number} holds a value that is not a finite place")
         if len(ring.points) > MAX_CORNERS:
             text = f"polygon {number} has {len(ring.points)} corners, expected at most {MAX_CORNERS}"
             raise Refusal("E_TOO_MANY_SHAPES", text)
@@ -186,4 +186,4 @@ def ring_polygons(rings: list[Ring]) -> tuple[list[Array], list[str]]:
     if len(polygons) > MAX_POLYGONS:
         raise Refusal("E_TOO_MANY_SHAPES", f"the map has more than {MAX_POLYGONS} polygons")
     empty = len(rings) - len(polygons)
-    return polygons, [f"polygons that are no obstacles: {empty}, they are empty"] if empty else []
+    return polygons, [f"polygons that are not obstacles: {empty}, they are empty"] if empty else []

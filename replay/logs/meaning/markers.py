@@ -96,7 +96,7 @@ def marker_polygons(markers: Iterable[Marker], height: float) -> tuple[list[Arra
             ignored["above the height limit, below the ground or empty"] += 1
         if len(polygons) > MAX_POLYGONS:
             raise Refusal("E_TOO_MANY_SHAPES", f"the markers make more than {MAX_POLYGONS} obstacles")
-    return polygons, [f"markers that are no obstacles: {count}, {kind}" for kind, count in ignored.items()]
+    return polygons, [f"markers that are not obstacles: {count}, {kind}" for kind, count in ignored.items()]
 
 
 def _checked_rotation(marker: Marker) -> Array:

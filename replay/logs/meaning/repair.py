@@ -2,7 +2,7 @@
 
 Noise takes a fitted path some centimetres aside, and a hitch angle that is integrated in reverse much farther. Where
 it breaks a limit of the vehicle or overlaps an obstacle and another path, as near to the poses within their noise,
-does not, that one is taken. Where none is, the path is left where the poses are, and the checks tell.
+does not, that one is taken. Where none is, the path is left where the poses are, and the checks report it.
 """
 
 import contextlib
@@ -12,14 +12,14 @@ import numpy as np
 
 from optim.fit.poses import Fit, fit_path
 from optim.fit.system import Bounds, FitOptions
-from optim.model.limits import within_limits
 from optim.model.problem import path_clearance
 from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
+from optim.model.vehicle_limits import within_limits
 from optim.numerics.arrays import Array
-from replay.logs.meaning.checks import LARGEST_DEFECT, LIMIT_SLACK
 from replay.logs.meaning.planar import Refusal
-from replay.logs.meaning.poses import RecordedPoses
+from replay.logs.meaning.plausibility import LARGEST_DEFECT, LIMIT_SLACK
+from replay.logs.meaning.recorded_poses import RecordedPoses
 
 GIVEN_WAY = 0.02
 """A path may be moved aside by so much [m] and three standard deviations of the noise to keep limits and clearance."""
@@ -29,7 +29,7 @@ _SURE_HITCH = 0.02  # [rad]: a last hitch angle that is known better is not trie
 _ROUGHLY = FitOptions(tolerance=1e-4)
 _TRIED = 7  # last hitch angles on each side of the likeliest one
 _NEARLY = 0.05  # [m]: an overlap that the truck's path, moved aside, may still take away
-_DEEP = 0.5  # [m]: overlaps beyond it do not tell on which side of an obstacle the body was
+_DEEP = 0.5  # [m]: deeper overlaps do not show on which side of an obstacle the body was
 
 
 def repaired(
@@ -104,7 +104,7 @@ class _Task(NamedTuple):
         """True if a fit is drivable and as near to the poses as the first, within their noise."""
         noise = self.recorded.noise
         aside, turned = GIVEN_WAY + _DEVIATIONS * noise.position, _TURNED_AWAY + _DEVIATIONS * noise.heading
-        if first.defect > LARGEST_DEFECT:  # it is no path: any is better
+        if first.defect > LARGEST_DEFECT:  # it is not a path: any is better
             aside = turned = np.inf
         return bool(
             fit.defect <= LARGEST_DEFECT
@@ -155,7 +155,7 @@ def _within_bounds(task: _Task, first: Fit, goal_hitch: float | None) -> tuple[F
         if second is None or (limits and _breaks_limits(task.vehicle, second)):
             continue
         if not clear or task.overlap(second) <= 0.0:
-            return second, [_told(limits, overlap if clear else 0.0, first, second)]
+            return second, [_note(limits, overlap if clear else 0.0, first, second)]
     return first, []
 
 
@@ -163,9 +163,9 @@ def _breaks_limits(vehicle: Vehicle, fit: Fit) -> bool:
     return not within_limits(vehicle, fit.path, LIMIT_SLACK)
 
 
-def _told(limits: bool, overlap: float, first: Fit, second: Fit) -> str:
-    """What the second fit is for, and what it costs."""
-    kept = [*(["the vehicle's limits"] if limits else [])]
+def _note(limits: bool, overlap: float, first: Fit, second: Fit) -> str:
+    """Note on the second fit: its reason, and its distance from the poses."""
+    kept = [*(["within the vehicle's limits"] if limits else [])]
     kept += [f"clear of obstacles, which it would overlap by up to {overlap:.3f} m"] if overlap > 0.0 else []
     off, before = second.position_error.max(), first.position_error.max()
     text = f"within the noise of its poses, the path is kept {' and '.join(kept)}"

@@ -8,7 +8,7 @@ from replay.base.errors import LogError
 from replay.logs.meaning.frames import Frames, frame_name, in_frame
 from replay.logs.meaning.pairing import TOLERANCE, hitch_misfit, trailer_at_poses
 from replay.logs.meaning.planar import Refusal
-from replay.logs.meaning.poses import recorded_poses, to_plane
+from replay.logs.meaning.recorded_poses import recorded_poses, to_plane
 from replay.logs.meaning.stated import at_rear_axle, references
 from replay.logs.meaning.topics import Topic, refused, titles
 from replay.logs.messages.types import PoseSeries
@@ -51,18 +51,24 @@ def truck_and_trailer(
         return trucks[0], None
     for topic in every:  # a path that is broken in itself fits nothing: that is the better news
         _check_alone(topic)
+    raise _unpaired(every, misfits, vehicle, frames)
+
+
+def _unpaired(
+    every: list[Topic], misfits: dict[tuple[Topic, Topic], tuple[float, str]], vehicle: Vehicle, frames: Frames
+) -> LogError:
+    """The error where no two topics belong together; `misfits` of truck and trailer as in `_misfit`."""
     found = "no two of them belong together as truck and trailer"
     reasons = [reason for _, reason in misfits.values() if reason]
     if reasons:
-        found += f" ({reasons[0]})"
-    else:
-        nearest = min(misfit for misfit, _ in misfits.values())
-        place = f"where hitch_to_axle = {vehicle.hitch_to_axle:g} m puts it"
-        found += f" (the nearest axle is {nearest:.2f} m from {place}, expected at most {TOLERANCE:g} m)"
-        for name, ahead in references(vehicle).items():
-            if any(_misfit(a, b, vehicle, ahead, frames)[0] <= TOLERANCE for a, b in misfits):
-                raise _ambiguous(every, found, f"as poses of the truck's {name} they do: try --reference {name}")
-    raise _ambiguous(every, found)
+        return _ambiguous(every, f"{found} ({reasons[0]})")
+    nearest = min(misfit for misfit, _ in misfits.values())
+    place = f"where hitch_to_axle = {vehicle.hitch_to_axle:g} m puts it"
+    found += f" (the nearest axle is {nearest:.2f} m from {place}, expected at most {TOLERANCE:g} m)"
+    for name, ahead in references(vehicle).items():
+        if any(_misfit(a, b, vehicle, ahead, frames)[0] <= TOLERANCE for a, b in misfits):
+            return _ambiguous(every, found, f"as poses of the truck's {name} they do: try --reference {name}")
+    return _ambiguous(every, found)
 
 
 def _ambiguous(

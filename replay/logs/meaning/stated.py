@@ -1,5 +1,6 @@
-"""Statements of a path message beside its poses: the gear by the sign of its speed, the angle of the front wheel; and
-the reference point of its poses on the truck.
+"""Statements of a path message beside its poses, and the reference point of its poses on the truck.
+
+Stated are the gear, by the sign of the speed, and the angle of the front wheel.
 """
 
 import dataclasses
@@ -10,13 +11,13 @@ import numpy as np
 from optim.fit.poses import Fit
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
-from replay.logs.meaning.options import ReadOptions
 from replay.logs.meaning.planar import Refusal
-from replay.logs.meaning.poses import RecordedPoses, headings_missing, nearest_row
+from replay.logs.meaning.read_options import ReadOptions
+from replay.logs.meaning.recorded_poses import RecordedPoses, headings_missing, nearest_row
 from replay.logs.messages.types import PoseSeries
 
 CONTRADICTED = 0.5
-"""Travel from which a motion against the stated gear is no noise [m]."""
+"""Travel from which a motion against the stated gear is not noise [m]."""
 NOTED_STEER = 0.05
 """Least difference between stated and fitted steering angles that gets a note [rad]."""
 

@@ -142,7 +142,7 @@ class Topic:
     def _decode(self, index: int) -> Any:
         message = self.messages[index]
         if message.log_time >= 1 << 63:
-            self.fail("E_TIME", f"log time {message.log_time} ns is no time", index)
+            self.fail("E_TIME", f"log time {message.log_time} ns is not a time", index)
         decode = self._decoders[message.channel.id]
         try:
             return decode(message.data)

@@ -23,7 +23,7 @@ def parse_ros2msg(root: str, text: str) -> MessageDefinition:
     """Fields of each type in a `ros2msg` definition: the root first, then sections headed ``MSG: pkg/Type``.
 
     Raises:
-        DefinitionError: over a limit, or a line that is no field.
+        DefinitionError: over a limit, or a line that is not a field.
     """
     layout: MessageDefinition = {}
     package, fields = root.split("/")[0], layout.setdefault(_short(root), [])

@@ -25,7 +25,7 @@ from replay.logs.messages.types import (
     Transform,
 )
 
-Tree = dict[str, Any]
+MessageTree = dict[str, Any]
 _NOT_TURNED = (0.0, 0.0, 0.0, 1.0)
 _ZERO = (0.0, 0.0, 0.0)
 OCCUPANCY: Final = ("occupancy", "occupied", "cost", "value")
@@ -33,7 +33,7 @@ OCCUPANCY: Final = ("occupancy", "occupied", "cost", "value")
 _TYPES: Final = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4", 7: "<f4", 8: "<f8"}
 
 
-def _pose(tree: Tree | None, unset: tuple[float, ...]) -> Array:
+def _pose(tree: MessageTree | None, unset: tuple[float, ...]) -> Array:
     """Position and quaternion, shape (7,); `unset` is the quaternion of a pose without one."""
     tree = tree or {"position": None, "orientation": None}
     return frozen([*(tree["position"] or _ZERO), *(tree["orientation"] or unset)])
@@ -46,7 +46,7 @@ def _points(rows: list[list[float]]) -> Array:
 # ---- one function for each message
 
 
-def poses(tree: Tree) -> PoseSeries:
+def poses(tree: MessageTree) -> PoseSeries:
     """`foxglove.PosesInFrame`."""
     rows = [[*(pose["position"] or _ZERO), *(pose["orientation"] or (0.0,) * 4)] for pose in tree["poses"]]
     stamps = frozen_int(np.full(len(rows), tree["timestamp"], np.int64))
@@ -55,38 +55,38 @@ def poses(tree: Tree) -> PoseSeries:
     return PoseSeries(header=header, stamps=stamps, poses=array, frames=frozenset())
 
 
-def pose(tree: Tree) -> PoseSeries:
+def pose(tree: MessageTree) -> PoseSeries:
     """`foxglove.PoseInFrame`: a series of one."""
     blank = {"position": None, "orientation": None}
     return poses({**tree, "poses": [tree["pose"] or blank]})
 
 
-def transform(tree: Tree) -> tuple[Transform, ...]:
+def transform(tree: MessageTree) -> tuple[Transform, ...]:
     """`foxglove.FrameTransform`."""
     header = Header(tree["timestamp"], tree["parent_frame_id"])
     pose = {"position": tree["translation"], "orientation": tree["rotation"]}
     return (Transform(header=header, child=tree["child_frame_id"], pose=_pose(pose, _NOT_TURNED)),)
 
 
-def transforms(tree: Tree) -> tuple[Transform, ...]:
+def transforms(tree: MessageTree) -> tuple[Transform, ...]:
     """`foxglove.FrameTransforms`."""
     return tuple(each for part in tree["transforms"] for each in transform(part))
 
 
-def joints(tree: Tree) -> tuple[Joints, ...]:
+def joints(tree: MessageTree) -> tuple[Joints, ...]:
     """`foxglove.JointStates`."""
     names = tuple(joint["name"] for joint in tree["joints"])
     positions = frozen(np.array([joint["position"] for joint in tree["joints"]], np.float64))
     return (Joints(stamp=tree["timestamp"], names=names, positions=positions),)
 
 
-def joint(tree: Tree) -> tuple[Joints, ...]:
+def joint(tree: MessageTree) -> tuple[Joints, ...]:
     """`foxglove.JointState`, whose time is the log's."""
     return joints({"timestamp": 0, "joints": [tree]})
 
 
-def grid(tree: Tree) -> Grid:
-    """`foxglove.Grid`. Raises PayloadError where it is no grid of square cells that say how occupied they are."""
+def grid(tree: MessageTree) -> Grid:
+    """`foxglove.Grid`. Raises PayloadError unless it is a grid of square cells with an occupancy."""
     x, y = tree["cell_size"] or (0.0, 0.0)
     if not abs(x - y) <= 1e-6 * abs(x):
         raise PayloadError(f"its cells have {x:g} by {y:g} m, expected squares")
@@ -101,7 +101,7 @@ def grid(tree: Tree) -> Grid:
     )
 
 
-def _cells(tree: Tree) -> NDArray:
+def _cells(tree: MessageTree) -> NDArray:
     """The values of the one field of a grid that says how occupied cells are. Shape (height, width)."""
     field = _occupancy_field(tree["fields"])
     dtype = _TYPES.get(field["type"])
@@ -119,7 +119,7 @@ def _cells(tree: Tree) -> NDArray:
     return np.ndarray((height, columns), dtype, data, field["offset"], (row, cell))
 
 
-def _occupancy_field(fields: list[Tree]) -> Tree:
+def _occupancy_field(fields: list[MessageTree]) -> MessageTree:
     if len(fields) == 1:
         return fields[0]
     named = [field for field in fields if field["name"].lower() in OCCUPANCY]
@@ -135,7 +135,7 @@ def _occupancy(values: NDArray) -> NDArray[np.int8]:
         known = np.isfinite(values) & (values >= 0.0)
         if not (np.isnan(values) | (values == -1.0) | (known & (values <= 1.0))).all():
             raise PayloadError(
-                "its cells hold numbers that are no probabilities: expected 0 to 1, or -1 or NaN: unknown"
+                "its cells hold numbers that are not probabilities: expected 0 to 1, or -1 or NaN: unknown"
             )
         found = np.where(known, np.rint(np.where(known, values, 0.0) * 100.0), -1.0).astype(np.int8)
     else:
@@ -151,7 +151,7 @@ def _occupancy(values: NDArray) -> NDArray[np.int8]:
 # ---- scenes
 
 
-def scene(tree: Tree) -> tuple[Marker, ...]:
+def scene(tree: MessageTree) -> tuple[Marker, ...]:
     """`foxglove.SceneUpdate` as markers: an entity is a namespace, its primitives are numbered."""
     found: list[Marker] = []
     for deletion in tree["deletions"]:
@@ -195,7 +195,7 @@ def _forget(ns: str, stamp: int) -> Marker:
     )
 
 
-def _primitives(entity: Tree) -> Iterator[tuple[int, Tree | None, Any, list[list[float]]]]:
+def _primitives(entity: MessageTree) -> Iterator[tuple[int, MessageTree | None, Any, list[list[float]]]]:
     """Marker type, pose, scale and points of each primitive."""
     for cube in entity["cubes"]:
         yield m.CUBE, cube["pose"], cube["size"] or _ZERO, []
@@ -217,7 +217,7 @@ def _primitives(entity: Tree) -> Iterator[tuple[int, Tree | None, Any, list[list
         yield from ((kind, None, _ZERO, []) for _ in entity[name])
 
 
-def _indexed(primitive: Tree) -> list[list[float]]:
+def _indexed(primitive: MessageTree) -> list[list[float]]:
     points, indices = primitive["points"], primitive["indices"]
     if not indices:
         return points
@@ -234,7 +234,7 @@ class FoxgloveType(MessageType):
     """A Foxglove message type, in protobuf or JSON."""
 
     encodings = ("protobuf", "protobuf"), ("json", "jsonschema"), ("json", "")
-    convert: Callable[[Tree], Any]
+    convert: Callable[[MessageTree], Any]
     """Makes of a message's fields what its role asks for. Raises PayloadError."""
 
     def decoder(self, encodings: tuple[str, str], definition: bytes) -> Decode:
@@ -246,7 +246,7 @@ class FoxgloveType(MessageType):
         return lambda data: self.convert(fields(data))
 
 
-def _by_name(*types: tuple[str, Role, Callable[[Tree], Any]]) -> dict[str, FoxgloveType]:
+def _by_name(*types: tuple[str, Role, Callable[[MessageTree], Any]]) -> dict[str, FoxgloveType]:
     return {name: FoxgloveType(name=name, role=role, convert=convert) for name, role, convert in types}
 
 

@@ -76,5 +76,5 @@ def absent(field: Field) -> Any:
 def nanoseconds(seconds: int, nanos: int, where: str) -> int:
     """One number of nanoseconds, which must fit into 64 bits. Raises PayloadError."""
     if not 0 <= nanos < 1_000_000_000 or abs(seconds) > 9_000_000_000:
-        raise PayloadError(f"{where} is {seconds} s and {nanos} ns, which is no time")
+        raise PayloadError(f"{where} is {seconds} s and {nanos} ns, which is not a time")
     return seconds * 1_000_000_000 + nanos

@@ -28,8 +28,8 @@ def decode_json(name: str, data: bytes) -> dict[str, Any]:
     try:
         tree = parse_json(text)
     except JsonError as error:
-        raise PayloadError(f"the message is no JSON that can be used: {printable(str(error), 200)}") from None
-    return _Reader().message(tree, name, name)
+        raise PayloadError(f"the message is not usable JSON: {printable(str(error), 200)}") from None
+    return _JsonReader().message(tree, name, name)
 
 
 def _check_depth(data: bytes) -> None:
@@ -44,7 +44,7 @@ def _check_depth(data: bytes) -> None:
 _NO_BRACKETS: Final = bytes(sorted(set(range(256)) - set(b"[]{}")))
 
 
-class _Reader:
+class _JsonReader:
     """Goes through the data of one message."""
 
     def __init__(self) -> None:

@@ -51,7 +51,7 @@ def descriptor_of(name: str, definition: bytes) -> Descriptor:
     """The descriptor of message `name` that a FileDescriptorSet defines, in a pool of its own.
 
     Raises:
-        DefinitionError: it is no such set, is over a limit, or does not define the message.
+        DefinitionError: it is not such a set, is over a limit, or does not define the message.
     """
     if len(definition) > MAX_SET:
         raise DefinitionError(f"the descriptors have {len(definition)} bytes, at most {MAX_SET} are read")
@@ -104,11 +104,11 @@ def _in_order(first: FileDescriptorProto, files: Iterable[FileDescriptorProto]) 
     return list(done.values())
 
 
-class _Plan(NamedTuple):
+class _MessagePlan(NamedTuple):
     """Conversion of one message type."""
 
     name: str
-    fields: tuple[tuple[Field, "_Plan | None"], ...]
+    fields: tuple[tuple[Field, "_MessagePlan | None"], ...]
     """The fields that are read and defined; a plan for those that are messages."""
     missing: tuple[Field, ...]
     """The fields that are not defined: as if each message omitted them."""
@@ -118,10 +118,10 @@ class _Plan(NamedTuple):
     """Gives the numbers of a vector whose fields are all defined."""
 
 
-def _plan(descriptor: Descriptor) -> _Plan:
+def _plan(descriptor: Descriptor) -> _MessagePlan:
     """Plan the conversion of messages. Raises DefinitionError where a field has another type, or none is defined."""
     name = descriptor.full_name
-    fields: list[tuple[Field, _Plan | None]] = []
+    fields: list[tuple[Field, _MessagePlan | None]] = []
     for field in MESSAGES[name]:
         found = descriptor.fields_by_name.get(field.name)
         if found is not None:
@@ -133,7 +133,8 @@ def _plan(descriptor: Descriptor) -> _Plan:
     names = [field.name for field, _ in fields]
     missing = tuple(field for field in MESSAGES[name] if field.name not in names)
     numbers = {descriptor.fields_by_name[each].number: each for each in names}
-    return _Plan(name, tuple(fields), missing, numbers, attrgetter(*names) if name in VECTORS and not missing else None)
+    getter = attrgetter(*names) if name in VECTORS and not missing else None
+    return _MessagePlan(name, tuple(fields), missing, numbers, getter)
 
 
 def _check(name: str, field: Field, found: FieldDescriptor) -> None:
@@ -169,6 +170,7 @@ class Decoder:
         self._parts = 0
 
     def __call__(self, data: bytes) -> dict[str, Any]:
+        """The message in these bytes."""
         name = self._plan.name
         if len(data) > MAX_MESSAGE:
             raise PayloadError(f"the message has {len(data)} bytes, at most {MAX_MESSAGE} are read")
@@ -195,7 +197,7 @@ class Decoder:
         if self._parts > MAX_PARTS:
             raise PayloadError(f"more than {MAX_PARTS} messages within it")
 
-    def _check_wire_types(self, message: Any, plan: _Plan) -> None:
+    def _check_wire_types(self, message: Any, plan: _MessagePlan) -> None:
         self._count()
         for unknown in UnknownFieldSet(message):
             if unknown.field_number in plan.numbers:
@@ -207,7 +209,7 @@ class Decoder:
                 for part in value if field.repeated else [value]:
                     self._check_wire_types(part, inner)
 
-    def _convert(self, message: Any, plan: _Plan) -> Any:
+    def _convert(self, message: Any, plan: _MessagePlan) -> Any:
         self._count()
         if plan.vector is not None:
             return list(plan.vector(message))
@@ -218,7 +220,7 @@ class Decoder:
             return [tree[field.name] for field in MESSAGES[plan.name]]
         return tree
 
-    def _value(self, message: Any, field: Field, inner: _Plan | None, plan: _Plan) -> Any:
+    def _value(self, message: Any, field: Field, inner: _MessagePlan | None, plan: _MessagePlan) -> Any:
         value = getattr(message, field.name)
         if inner is not None and field.repeated:
             return [self._convert(part, inner) for part in value]

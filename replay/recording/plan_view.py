@@ -1,4 +1,4 @@
-"""What belongs to each path in the plan view: the path, the swept ground, the moving vehicle, distances, failures."""
+"""Parts of each path in the plan view: the path, the swept ground, the moving vehicle, distances, failures."""
 
 import math
 from collections.abc import Iterable
@@ -21,22 +21,22 @@ from replay.recording.text import measured, number, plain
 from replay.recording.tracks import PROGRESS, Track
 from replay.run.case import Case
 
-WHISKER_FROM: Final = 3.0  # [m]: farther obstacles are no news
+WHISKER_FROM: Final = 3.0  # [m]: farther obstacles do not matter
 STRAY_FROM: Final = 0.01  # [m]: logged poses nearer to the path than this lie on its line
 _LABEL_SIZE: Final = 0.15  # of a frame: labels nearer to each other may overlap in a small panel
 _MOST_POSES: Final = 5000  # as dots; a log of hours must not grow the file
 
 
-class Line(NamedTuple):
-    """How a path is drawn."""
+class Stroke(NamedTuple):
+    """Width and draw order of a path's line."""
 
     width: float  # in the viewer's points
     order: float  # what is drawn over what
 
 
-RECORDED_LINE: Final = Line(3.5, 0.0)
-_LINE: Final = Line(2.0, 10.0)
-_BEST_LINE: Final = Line(2.0, 12.0)
+RECORDED_LINE: Final = Stroke(3.5, 0.0)
+_LINE: Final = Stroke(2.0, 10.0)
+_BEST_LINE: Final = Stroke(2.0, 12.0)
 
 
 def log_track(rec: rr.RecordingStream, problem: Problem, track: Track, frame: Frame, *, is_best: bool) -> None:
@@ -49,7 +49,7 @@ def log_track(rec: rr.RecordingStream, problem: Problem, track: Track, frame: Fr
     log_failures(rec, entity("scene", track.name, "audit"), track.path, track.audit, frame)
 
 
-def log_path(rec: rr.RecordingStream, path: Path, base: str, colour: Colour, frame: Frame, line: Line) -> None:
+def log_path(rec: rr.RecordingStream, path: Path, base: str, colour: Colour, frame: Frame, line: Stroke) -> None:
     """The truck's path, forward solid, reverse dashed, and a ring at each gear change."""
     forward, reverse = strips(path.segments, dash=frame.size / 70)
     lines = rr.LineStrips2D(forward + reverse, colors=[colour], radii=points(line.width / 2), draw_order=line.order)

@@ -30,7 +30,7 @@ class Noise:
     """Standard deviations of white noise."""
 
     position: float
-    """Of x and of y [m]."""
+    """Standard deviation of the noise in x, and in y [m]."""
     heading: float
     """[rad]."""
 
@@ -120,7 +120,7 @@ def group_length(travel: Array, noise: Noise) -> float:
 
 
 def groups(travel: Array, turns: IntArray, gear: int, length: float, noise: float) -> tuple[IntArray, IntArray]:
-    """What stands for what: a number for each pose (n,), rising along the path, and the gear between two numbers.
+    """Groups of poses: a number for each pose (n,), rising along the path, and the gear between two numbers.
 
     The first and the last group are those of the ends, and each change of gear has one: the poses that stand there
     within the noise [m]. Between them a group is `length` [m] long, or one pose where poses are farther apart. -1 is
@@ -213,7 +213,7 @@ def _tangents(piece: Array, length: Array) -> Array:
 
 
 def sideways(poses: Array) -> Array:
-    """How far each of n poses is beside where the headings of the one before and of itself lead [m]. Shape (n - 1,).
+    """Lateral distance of each of n poses from where its heading and that of the one before lead [m]. Shape (n - 1,).
 
     On an arc it is zero; a truck that steers as fast as it can adds 2 cm over 1 m.
     """

@@ -17,7 +17,7 @@ from replay.base.schemas.summary import Change, MethodTiming, UnreadLog
 from replay.base.schemas.timing import LARGEST_TIMING, TimingDocument
 from replay.base.schemas.values import Scalar
 from replay.base.schemas.verdicts import LARGEST_VERDICTS, Comparison, Verdicts
-from replay.report.model import ResultRow, RunData
+from replay.report.run_data import ResultRow, RunData
 from replay.report.safe import LONGEST_TEXT, safe
 
 _T = TypeVar("_T", bound=msgspec.Struct)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from optim.numerics.arrays import Array, IntArray, frozen, frozen_int
 from replay.logs.meaning.continuity import check_steps, jumps
-from replay.logs.meaning.motion import (
+from replay.logs.meaning.noisy_motion import (
     NO_NOISE,
     SURE,
     Noise,
@@ -24,7 +24,7 @@ from replay.logs.meaning.planar import Refusal, planar
 from replay.logs.messages.types import PoseSeries
 
 LARGEST_COORDINATE = 1e6
-"""Distance from the map beyond which a pose is no place [m]."""
+"""Poses farther than this from the map are rejected [m]."""
 SMALLEST_STEP = 0.005
 """Poses nearer to the one before are repetitions of it [m]: below it, noise decides about direction and gear."""
 THINNED_TO = 0.1
@@ -53,7 +53,7 @@ class RecordedPoses:
     """For each pose of the message, the row of `poses` that stands for it. Shape (num_poses,)."""
     notes: tuple[str, ...]
     noise: Noise = NO_NOISE
-    """Of the poses of the message."""
+    """Noise of the poses of the message."""
     group: IntArray | None = None
     """For each pose of the message, the row that it is averaged into, -1 for none; None: nothing is averaged."""
     has_headings: bool = True
@@ -65,7 +65,7 @@ class RecordedPoses:
         return self.noise.position <= QUIET.position and self.noise.heading <= QUIET.heading
 
     def averaged(self, values: Array) -> Array:
-        """What belongs to each pose, averaged as the poses are but at the ends: from (num_poses, k) to (n, k)."""
+        """Values of each pose, averaged as the poses are except at the ends: from (num_poses, k) to (n, k)."""
         if self.group is None:
             return values[self.kept]
         return _averaged(values, self.group)

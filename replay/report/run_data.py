@@ -24,7 +24,7 @@ class ResultRow:
     recording: str | None
     """Path of the case's recording within the run's folder, where the file exists."""
     recording_error: str
-    """Why the recording could not be written; empty where it could, or was not wanted."""
+    """Reason why the recording could not be written; empty where it could, or was not wanted."""
 
     @property
     def method(self) -> str:
@@ -65,7 +65,7 @@ class RunData:
 
     @property
     def unwritten(self) -> dict[str, str]:
-        """Why recordings could not be written, by case."""
+        """Reasons why recordings could not be written, by case."""
         return {row.case: row.recording_error for row in self.rows if row.recording_error}
 
     @property

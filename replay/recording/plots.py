@@ -13,7 +13,7 @@ from optim.model.problem import Problem
 from optim.numerics.arrays import Array
 from replay.base.style import ALARM
 from replay.recording.entities import entity
-from replay.recording.scene import columns_of
+from replay.recording.plan_view import columns_of
 from replay.recording.text import count, plain
 from replay.recording.tracks import PROGRESS, Track
 
@@ -23,7 +23,7 @@ COUNTED: Final = (62, 66, 92)
 
 
 def signals_of(problem: Problem, track: Track) -> Mapping[str, Array]:
-    """What is plotted of a path by entity name, in the units the names end in; rows as the track's."""
+    """Signals of a path by entity name, in the units the names end in; rows as the track's."""
     return _signals(problem, track.states, track.phi, track.distance)
 
 
@@ -38,7 +38,7 @@ def _signals(problem: Problem, states: Array, phi: Array, distance: Array) -> Ma
 
 
 def _extremes(problem: Problem, path: Path) -> Mapping[str, float]:
-    """What stands for a whole path on `iteration`: the least clearance, and of all else the largest magnitude."""
+    """One value of each signal for a whole path on `iteration`: the least clearance, else the largest magnitude."""
     samples = path.samples
     distance = witnesses(problem.scene, problem.vehicle, samples.states).distance.min(axis=1)
     signals = _signals(problem, samples.states, samples.phi, distance)

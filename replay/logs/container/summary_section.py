@@ -7,8 +7,8 @@ from typing import NamedTuple
 from replay.logs.container import records as r
 from replay.logs.container.channels import ChannelTable, read_channel, read_schema
 from replay.logs.container.log import MIB, Schema
+from replay.logs.container.log_bytes import Source
 from replay.logs.container.records import Malformed, Opcode, RecordStream
-from replay.logs.container.source import Source
 
 _NAME_CHARACTERS = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-")
 
@@ -55,7 +55,7 @@ def _attachment_head(stream: RecordStream) -> tuple[str, int, int]:
     return name, stream.read8(), stream.position
 
 
-class Summary:
+class SummarySection:
     """Facts from the data section (`chunks`, `attachments`) and claims from the summary."""
 
     def __init__(self) -> None:

@@ -10,10 +10,10 @@ from optim.model.clearance import swept_clearance, witnesses
 from optim.model.problem import Problem
 from optim.numerics.arrays import Array
 from replay.logs.meaning.planar import Refusal
-from replay.logs.meaning.poses import RecordedPoses
+from replay.logs.meaning.recorded_poses import RecordedPoses
 
 LARGEST_DEFECT = 1e-4
-"""Break of the kinematics over one step beyond which the fit is no path [m or rad]; the audit's tolerance."""
+"""Break of the kinematics over one step beyond which the fit is not a path [m or rad]; the audit's tolerance."""
 NOTED_DEVIATION = 0.05
 """Distance of the fitted path from the log's poses from which a note names the place [m]."""
 NOTED_TURN = 0.02

@@ -1,4 +1,4 @@
-"""What the recording says in words: the verdict, the table of methods, vehicle and options, the audits. Markdown."""
+"""The text of the recording: the verdict, the table of methods, vehicle and options, the audits. Markdown."""
 
 import dataclasses
 import itertools
@@ -29,7 +29,7 @@ def summary(run: Run, tracks: list[Track], best: Track | None) -> str:
 
 
 def _verdict(tracks: list[Track], best: Track | None, required: float) -> list[str]:
-    """Which method won, by how much, and whether that is safe."""
+    """The best method, its gain, and whether its path is safe."""
     before = tracks[0].metrics
     if best is None:
         head = "No method ran" if len(tracks) == 1 else "✗ Not improved: the recorded path stands"
@@ -113,7 +113,7 @@ def _outcome(track: Track) -> str:
 
 
 def _warnings(run: Run, recorded: Track) -> list[str]:
-    """What is odd about the log or the recorded path."""
+    """Notes about the log or the recorded path."""
     lines = [f"- ⚠ The recorded path fails its audit. {cell(text)}" for text in recorded.audit.failures]
     if run.case.read.lost:
         lines.append("- ⚠ Part of the log could not be read.")
@@ -127,7 +127,7 @@ def _starts_again(track: Track) -> bool:
 
 
 def convergence_help(tracks: list[Track]) -> str:
-    """What the convergence plots show; nothing about what there is none of."""
+    """Explanation of the convergence plots, only of those that are there."""
     rows = [row for track in tracks if track.run is not None for row in track.run.history]
     quiet = [cell(track.style.label) for track in tracks[1:] if not track.iterates]
     lines = [
@@ -146,7 +146,7 @@ def convergence_help(tracks: list[Track]) -> str:
 
 
 def residuals_help() -> str:
-    """What the plots of single residuals show."""
+    """Explanation of the plots of single residuals."""
     return (
         "Each residual relative to its tolerance, log10: converged where all of a method's are below the **red line**."
     )
@@ -183,7 +183,7 @@ def vehicle_sheet(run: Run) -> str:
 
 
 def run_sheet(run: Run, version: str, offset: Array) -> str:
-    """Where the data come from, and the options of every method."""
+    """Origin of the data, and the options of every method."""
     case = run.case
     read, turn = case.read, math.degrees(case.read.max_deviation_rad)
     facts = [

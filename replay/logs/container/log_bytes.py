@@ -91,7 +91,7 @@ class Source:
         return os.pread(self._file.fileno(), count, max(0, self.size - count))
 
     def check_magic(self) -> None:
-        """Read the first eight bytes; raise a `LogError` that says what the file is if it is no MCAP file."""
+        """Read the first eight bytes; raise a `LogError` that says what the file is if it is not an MCAP file."""
         if self.size == 0:
             raise LogError("E_EMPTY", self.path, "the file is empty: nothing was written to it")
         first = self.read(min(self.size, len(MAGIC)))
@@ -123,7 +123,7 @@ def _looks_like(first: bytes) -> str:
 
 
 def not_a_file(path: Path) -> str:
-    """Text for a folder that is no log; names its files."""
+    """Text for a folder that is not a log; names its files."""
     inside = sorted(p.name for p in path.glob("*.mcap"))
     if not inside:
         return "a folder without MCAP files, expected an MCAP log"

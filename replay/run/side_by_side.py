@@ -22,7 +22,7 @@ from replay.run.stored import run_of
 COMPARE_ERROR: Final = "E_COMPARE"
 RECORDED: Final = "recorded"
 QUANTITIES: Final = ("objective", "length", "cusps", "steering_variation", "min_clearance", "wall_s")
-"""What is compared, in this order: names of `optim.model.metrics.UNITS`, and the method's time [s]."""
+"""Quantities compared, in this order: names of `optim.model.metrics.UNITS`, and the method's time [s]."""
 _SAME: Final = 1e-6
 """Coordinates and dimensions that differ by less are the same [m, rad]: a file keeps every digit, a log may not."""
 
@@ -75,8 +75,8 @@ class Pair:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Comparison:
-    """What was found."""
+class SideBySide:
+    """Result of the comparison: both sides, pairs of methods, notes."""
 
     a: Side
     b: Side
@@ -85,11 +85,11 @@ class Comparison:
     """One line each: what only one of the two has, and what makes numbers other than those in the files."""
 
 
-def compare(a: str, b: str) -> Comparison:
+def compare(a: str, b: str) -> SideBySide:
     """Compare `FILE[:METHOD]` with `FILE[:METHOD]`; of the second one, `:METHOD` alone is of the first one's file.
 
     A file alone stands for all of its methods, or, beside a method, for the same method. Raises ReplayError: E_COMPARE
-    where scenes, vehicles or requests differ or a method is not there, E_RESULTS for what is no results file.
+    where scenes, vehicles or requests differ or a method is not there, E_RESULTS for anything but a results file.
     """
     first = _side(a, None)
     second = _side(b, first)
@@ -113,13 +113,13 @@ def compare(a: str, b: str) -> Comparison:
         pairs = [_pair(first, second, name, name) for name in both]
     else:
         pairs = [_pair(first, second, first.method, second.method or first.method)]
-    return Comparison(a=first, b=second, pairs=tuple(pairs), notes=tuple(notes))
+    return SideBySide(a=first, b=second, pairs=tuple(pairs), notes=tuple(notes))
 
 
 def _side(text: str, first: Side | None) -> Side:
-    """What `FILE[:METHOD]` names; a file whose own name has a colon counts as a file."""
+    """The run that `FILE[:METHOD]` names; a file whose own name has a colon counts as a file."""
     path, method = text, ""
-    if not os.path.exists(text):  # noqa: PTH110 - a name with a zero byte is no path at all
+    if not os.path.exists(text):  # noqa: PTH110 - a name with a zero byte is not a path
         path, _, method = text.rpartition(":")
         path, method = (path, method) if ":" in text else (text, "")
     if not path and first is not None:
@@ -172,7 +172,7 @@ def _method(run: Run, name: str) -> MethodRun | None:
     return next((method for method in run.methods if method.name == name), None)
 
 
-def overlay(comparison: Comparison) -> tuple[Run, dict[str, Style]]:
+def overlay(comparison: SideBySide) -> tuple[Run, dict[str, Style]]:
     """Both sides as one run, for drawing, and how each path looks.
 
     Of two files, the paths of the first have the colours of their methods, those of the second the same ones lighter.
@@ -200,7 +200,7 @@ def overlay(comparison: Comparison) -> tuple[Run, dict[str, Style]]:
     return dataclasses.replace(a.run, methods=tuple(methods)), looks
 
 
-def to_document(comparison: Comparison) -> dict[str, Any]:
+def to_document(comparison: SideBySide) -> dict[str, Any]:
     """The comparison as plain data, SI units."""
 
     def entry(one: Entry) -> dict[str, Any]:
