@@ -161,7 +161,7 @@ def test_callbacks_hear_of_each_method_and_each_iterate(case: replay.Case) -> No
 
 
 def test_ctrl_c_carries_what_was_finished(case: replay.Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("replay.pipeline.can_isolate", lambda: False)
+    monkeypatch.setattr("replay.pipeline.can_fork", lambda: False)
     with pytest.raises(Interrupted) as caught:
         replay.optimize(case, Says(), Interrupts())
     assert [method.name for method in caught.value.run] == ["says"]

@@ -1,5 +1,4 @@
-"""Child processes that are given requests and answer with messages, so that a crash, a hang or a shortage of memory
-costs one answer and no more.
+"""Child processes that are given requests and answer with messages: a crash or a hang there costs one answer.
 
 A child is forked, and has then what this process has loaded, or it is another program, which leads a process group of
 its own. Both are ended by `end`, whatever they do; a forked one also by the system when the parent dies (Linux), else

@@ -1,5 +1,6 @@
-"""Methods in child processes, which stay warm between methods: each gets a problem and a method, and sends iterates
-and the outcome back. What crashes, hangs or needs too much memory costs one method.
+"""Methods in child processes, so that a crash, a hang or a shortage of memory costs one method and no more.
+
+A child stays warm between methods; it gets a problem and a method, and sends iterates and the outcome back.
 """
 
 import math

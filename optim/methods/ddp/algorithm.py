@@ -170,7 +170,8 @@ class Model(Protocol):
     def roll_out(self, now: Trajectory, policy: Policy, step: float, into: Trajectory) -> float:
         """Fill `into` by driving with u + step k + K dx, gaps closed by `step`; the cost, or inf.
 
-        `now` is the trajectory of the last expansion."""
+        `now` is the trajectory of the last expansion.
+        """
         ...
 
 
