@@ -135,6 +135,7 @@ class InTurn:
     def __call__(
         self, problem: Problem, methods: Mapping[str, Method], on_start: OnStart, on_iterate: OnNamedIterate
     ) -> Generator[tuple[str, Solved]]:
+        """Run the methods, as `solve_in_turn`."""
         return solve_in_turn(problem, methods, on_start, on_iterate, time_limit=self.limits.time_s)
 
 
