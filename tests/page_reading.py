@@ -18,7 +18,7 @@ class Page(HTMLParser):
         assert not self.open
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        assert len({name for name, _ in attrs}) == len(attrs), f"an attribute of {tag} is there twice"
+        assert len({name for name, _ in attrs}) == len(attrs), f"an attribute of {tag} appears twice"
         self.seen.append((tag, dict(attrs)))
         if tag not in VOID:
             self.open.append(tag)

@@ -88,7 +88,7 @@ HUGE = "1" + "0" * 400
             '{"methods": [{"name": "a", "truck": {"wheelbase": -1}}]}',
             "methods[0].truck: wheelbase is -1.0, expected more than 0",
         ),
-        ('{"seed": 1, "seed": 2}', "the key 'seed' is there twice"),
+        ('{"seed": 1, "seed": 2}', "the key 'seed' appears twice"),
         ('{"seed": NaN}', "NaN is not JSON, expected a number or null"),
     ],
 )

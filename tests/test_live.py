@@ -1,4 +1,4 @@
-"""A run in a viewer while it goes on: what arrives there, and that no viewer can cost the run."""
+"""A run in a viewer while it happens: what arrives there, and that no viewer can cost the run."""
 
 import pathlib
 import signal
@@ -125,7 +125,7 @@ def test_without_a_viewer_the_run_goes_on_with_one_line(log, tmp_path, capsys, u
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert words in said
-    assert said.endswith("the run goes on without it\n")
+    assert said.endswith("the run continues without it\n")
     assert (tmp_path / "yard.results.json").exists()
 
 
@@ -160,4 +160,4 @@ def test_a_viewer_that_goes_away_costs_the_view_and_not_the_run(server, log, tmp
     view.end()
     assert time.monotonic() - started < 30.0
     assert len(said) == 1
-    assert said[0].startswith("the view has ended, the run goes on without it: ")
+    assert said[0].startswith("the view has ended, the run continues without it: ")

@@ -221,7 +221,7 @@ def test_lists_of_indices_may_be_packed_or_not() -> None:
         (b'{"poses": [{"position": {"x": 1' + b"0" * 400 + b"}}]}", "a huge number, expected a number"),
         (b'{"poses": [{"position": {"x": NaN}}]}', "NaN is not JSON"),
         (b'{"frame_id": 5}', "frame_id is 5, expected a text"),
-        (b'{"frame_id": "a", "frame_id": "b"}', "is there twice"),
+        (b'{"frame_id": "a", "frame_id": "b"}', "appears twice"),
         (b'{"timestamp": 5}', "expected an object with sec and nsec"),
         (b'{"timestamp": {"sec": 1.5}}', "expected integers"),
         (b'{"timestamp": {"sec": 1, "nsec": -1}}', "no time"),

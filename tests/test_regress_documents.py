@@ -42,7 +42,7 @@ def line_of(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
         ),
         ('"corpus": {"num_logs": HERE}', "corpus.num_logs"),
         ('"created": 1e400', "1e400 is beyond the range"),
-        ('"created": "a", "created": "b"', "the key 'created' is there twice"),
+        ('"created": "a", "created": "b"', "the key 'created' appears twice"),
         ('"known": [{"method": "ddp"}]', "known[0].log is missing"),
     ],
 )

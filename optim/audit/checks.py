@@ -135,7 +135,7 @@ class _Subject(NamedTuple):
 
 
 def _audit(document: _Document, tolerances: Tolerances, wanted: Container[str]) -> AuditReport:
-    """`wanted`: those of `ALL` to make. Fewer than all only show what the others are there for."""
+    """`wanted`: those of `ALL` to make. Fewer than all only show what the others are for."""
     checks: dict[str, Check] = {}
     try:
         with np.errstate(all="ignore"):  # overflow ends as inf or NaN, and neither passes a check
@@ -147,7 +147,7 @@ def _audit(document: _Document, tolerances: Tolerances, wanted: Container[str]) 
 
 
 def _check_all(checks: dict[str, Check], document: _Document, tolerances: Tolerances, wanted: Container[str]) -> bool:
-    """Fill in the checks as far as they make sense; whether that was all of them."""
+    """Fill in the checks that make sense; whether all of them did."""
     vehicle, scene = read_vehicle(document.vehicle), read_scene(document.scene)
     path, claim = read_path(document.path, "path"), document.claim
     recorded = read_path(claim.recorded, "recorded") if claim else path

@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-# as in `optim.numerics.arrays`, of which the audit is independent
+# as in `optim.numerics.arrays`, which the audit does not import
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Shapes = NDArray[np.object_]

@@ -13,11 +13,11 @@ from optim.model.scene import Scene
 from optim.model.vehicle import Vehicle
 from optim.numerics.arrays import Array, Float64, Int64, IntArray
 
-_SIGMA_BOUND = 1e-4  # by which a limit may be broken, in proportion to what speaks against it [rad or rad/m]
+_SIGMA_BOUND = 1e-4  # allowed violation of a limit [rad or rad/m]; weighs it against the other residuals
 _SIGMA_CLEAR = 1e-3  # the same of the clearance [m]
-_INSIDE = 1e-3  # relative; limits are kept so much more tightly than they are, to pay for that
+_INSIDE = 1e-3  # relative; limits are tightened by this share to make up for that
 _SIGMA_HITCH = 0.05  # of a logged hitch angle at a pose whose heading is not known [rad]
-_SIGMA_GOAL = 2e-3  # of a last hitch angle that is asked for [rad]
+_SIGMA_GOAL = 2e-3  # of a requested last hitch angle [rad]
 _MOST_NEAR = 4  # polygons that push one body at one knot
 
 
@@ -86,7 +86,7 @@ class FitProblem(NamedTuple):
     options: FitOptions
     bounds: Bounds | None = None
     goal_hitch: float | None = None
-    """Last hitch angle that is asked for [rad]."""
+    """Requested last hitch angle [rad]."""
 
 
 def gaps_of(problem: FitProblem, knots: Array, lengths: Array) -> tuple[Array, Array]:
@@ -112,7 +112,7 @@ def gauss_newton(problem: FitProblem, knots: Array, lengths: Array) -> Array:
 def goal_hitch_sigma(problem: FitProblem, knots: Array, lengths: Array) -> float:
     """Standard deviation of the last hitch angle [rad], from the expected errors of all poses, the ends among them.
 
-    Bounds, and a last hitch angle that is asked for, do not count.
+    Bounds and a requested last hitch angle do not count.
     """
     width = knots.size + len(lengths)
     free, _ = _residuals(problem._replace(goal_hitch=None), knots, lengths).matrix(width)

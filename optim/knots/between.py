@@ -50,12 +50,12 @@ def raised(problem: Problem, knots: Knots, required: Array, missing: Array, room
     """The clearance to ask for at the knots, so that it is kept between them [m]. Shape (K, 2).
 
     What an interval loses between its knots, their smaller clearance less its swept clearance, hardly changes with
-    a small change of the path; so that much more is asked for at both, no less and no more, where it matters.
+    a small change of the path; so exactly that much more is required at both, where it matters.
 
     Args:
         required: what was asked for so far. Shape (K, 2).
         missing: as `missing_between` gives it.
-        room: what is asked for everywhere beyond the problem's requirement [m]; the tolerance of the optimiser.
+        room: clearance required everywhere beyond the problem's requirement [m]; the tolerance of the optimiser.
     """
     at_knots = clearance(problem.scene, problem.vehicle, knots.states)
     lost = np.minimum(at_knots[:-1], at_knots[1:]) - (problem.required_clearance - missing)

@@ -79,7 +79,7 @@ def seed_without(problem: Problem, knots: Knots, index: int, spacing: float) -> 
 
 
 def reseated(problem: Problem, knots: Knots, spacing: float) -> Knots:
-    """Knots to begin with after a segment has gone: ends in place, equal steps of at most `spacing` [m].
+    """Knots to begin with after a segment was removed: ends in place, equal steps of at most `spacing` [m].
 
     The states keep the gap that the segment has left; closing it is up to the optimiser.
     """

@@ -37,7 +37,7 @@ class IterateStream:
             self.forward(make(self.number))
 
     def emit_path(self, problem: Problem, path: Path) -> None:
-        """Pass on a path of which there is nothing to say but J, such as that of the result."""
+        """Pass on a path with its J alone, such as that of the result."""
         self.emit(lambda number: Iterate(iteration=number, path=path, objective=objective(path, problem.weights)))
 
     def forward(self, iterate: Iterate) -> None:

@@ -259,7 +259,7 @@ def resample(vehicle: Vehicle, path: Path, spacing: float) -> Path:
 
 
 def merge(segments: Sequence[Segment]) -> Path:
-    """Join neighbours of equal direction into one segment where the steering goes on.
+    """Join neighbours of equal direction into one segment where the steering is continuous.
 
     Where it jumps by more than `STEER_TOLERANCE`, the vehicle stands still to steer, and they stay apart.
     """

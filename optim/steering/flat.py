@@ -55,7 +55,7 @@ class Flat(NamedTuple):
 
 @lru_cache(maxsize=16)
 def curve_limits(vehicle: Vehicle) -> CurveLimits:
-    """The vehicle's l, l_t, limits and hold curvature as kernels take them; remembered, since it is asked for often.
+    """The vehicle's l, l_t, limits and hold curvature as kernels take them; cached, since it is needed often.
 
     Raises ValueError for a hitch that is not over the rear axle: such a vehicle is not flat.
     """

@@ -21,7 +21,7 @@ _TEMPORARY, _RUN = "tmp", "run"
 
 @contextlib.contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[pathlib.Path]:
-    """Give the path of an empty temporary file; when the block ends well, it becomes `path`, else it is removed.
+    """Give the path of an empty temporary file; when the block succeeds, it becomes `path`, else it is removed.
 
     The block may write by path or replace the file, and should verify what it wrote. An OSError (no permission, no
     such folder, disk full), in the block too, becomes a `ReplayError` (E_WRITE) of one line; other exceptions pass.
@@ -108,7 +108,7 @@ def _create(temporary: pathlib.Path) -> None:
 
 
 def _remove_leftovers(target: pathlib.Path) -> None:
-    """Remove temporary files of this name whose process has gone."""
+    """Remove temporary files of this name whose process has ended."""
     for suffix in (_TEMPORARY, _RUN):
         for pid in _writers(target, suffix):
             if not _is_running(pid):

@@ -14,7 +14,7 @@ _KERNEL = re.compile(r"^@(kernel|njit)\b", re.MULTILINE)
 
 
 def any_compiled(folder: pathlib.Path | None = None) -> bool:
-    """Whether kernels of `folder`, by default the package `optim`, have been compiled before, as far as one can see."""
+    """Whether kernels of `folder`, by default the package `optim`, seem to have been compiled before."""
     own_place = os.environ.get("NUMBA_CACHE_DIR")
     return bool(own_place) or any((folder or _package_folder()).rglob("__pycache__/*.nbc"))
 

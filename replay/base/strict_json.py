@@ -66,7 +66,7 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(entries) < len(pairs):
         seen: set[str] = set()
         repeated = next(key for key, _ in pairs if key in seen or seen.add(key))
-        raise JsonError(f"the key {repeated[:40]!r} is there twice")
+        raise JsonError(f"the key {repeated[:40]!r} appears twice")
     return entries
 
 

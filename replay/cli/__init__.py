@@ -62,7 +62,7 @@ def _run(tokens: list[str]) -> int:
     except KeyboardInterrupt:
         _say("replay: interrupted")
         return ExitStatus.INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has gone, as in `replay methods | head -1`
+    except BrokenPipeError:  # the reader of our output has ended, as in `replay methods | head -1`
         drop_output()
         return ExitStatus.OK
     except OutputLost as error:

@@ -37,7 +37,7 @@ class Common:
 
 @contextmanager
 def _writing() -> Iterator[None]:
-    """Turn a failure of standard output into OutputLost; that its reader has gone is another matter."""
+    """Turn a failure of standard output into OutputLost; a closed reader is not one."""
     try:
         yield
     except BrokenPipeError:
@@ -47,7 +47,7 @@ def _writing() -> Iterator[None]:
 
 
 class _Console(Console):
-    """Tells that the reader of its output has gone, where rich would end the program with status 1."""
+    """Raises BrokenPipeError when the reader of its output has ended; rich would exit with status 1."""
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError

@@ -63,7 +63,7 @@ def info(
 
 
 def _describe(voice: Voice, path: pathlib.Path, options: ReadOptions) -> dict[str, Any]:
-    """Show one log, as far as it can be read, and give the same as plain data."""
+    """Show what can be read of one log, and return the same as plain data."""
     document: dict[str, Any] = {"log": str(path), "error": None, "lost": False, "channels": [], "cases": []}
     try:
         seen = guarded(path, _look, path, options, memory_mib=LIMITS.memory_mib)

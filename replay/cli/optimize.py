@@ -76,7 +76,7 @@ def optimize(
         /replay/METHOD/path (truck) and /replay/METHOD/trailer_path; in METHOD, a chain's + is _, as in scp_ddp. Of a
         folder, a folder STEM.optimised.
     view
-        Show the run in a Rerun viewer while it goes on, beside the files. Where none can be opened, the run goes on.
+        Show the run live in a Rerun viewer, beside the files. Without a viewer the run continues.
     viewer
         Address of a running viewer to show it in, such as rerun+http://127.0.0.1:9876/proxy.
     config
@@ -111,5 +111,5 @@ def _live(voice: Voice, view: bool, viewer: str | None, settings: Settings) -> L
     try:
         return LiveView(open_viewer(viewer), settings.methods, voice.error)
     except NoViewer as error:
-        voice.error(f"{error}; the run goes on without it")
+        voice.error(f"{error}; the run continues without it")
         return None

@@ -64,7 +64,7 @@ class Session:
     export: bool = False
     """Write the paths into a copy of each log."""
     live: LiveView | None = None
-    """Shows the run while it goes on."""
+    """Shows the run live."""
     origin: Origin | None = None
 
     def run(self, logs: Sequence[pathlib.Path]) -> ExitStatus:
@@ -183,7 +183,7 @@ class Session:
 
     @contextmanager
     def _failures_kept(self, entry: LogEntry, *, writing: bool = False) -> Iterator[None]:
-        """Report a log's failure, whatever it is, in one line, and note it in its entry; the next log goes on."""
+        """Report a log's failure, whatever it is, in one line, and note it in its entry; the next log follows."""
         try:
             yield
         except (OutputLost, BrokenPipeError):  # nobody would read what the next logs give

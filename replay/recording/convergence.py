@@ -1,6 +1,6 @@
 """The plots over a method's iterations: J, what decided convergence, trust region, time inside a foreign solver.
 
-A rejected trial moves nothing: the plot of J goes on at the level of the path that stands, with a mark.
+A rejected trial moves nothing: the plot of J stays at the level of the current path, with a mark.
 """
 
 import math

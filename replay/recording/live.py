@@ -1,4 +1,4 @@
-"""A run as it goes on, in a viewer: map and recorded path first, then iterate by iterate, at the end all of the file.
+"""A run in a live viewer: map and recorded path first, then iterate by iterate, at the end all of the file.
 
 The entities are those of the recording in the file (see `replay.recording`), under an identity of their own.
 """

@@ -1,4 +1,4 @@
-"""A viewer that shows a run while it goes on. Whatever is wrong with it costs the view, not the run."""
+"""A viewer that shows a run live. Its failures cost the view, not the run."""
 
 import os
 import pathlib
@@ -151,4 +151,4 @@ class LiveView:
             self._failed = True
             self._recording = None
             reason = " ".join(str(error).split()) or type(error).__name__
-            self._say(f"the view has ended, the run goes on without it: {reason}")
+            self._say(f"the view has ended, the run continues without it: {reason}")

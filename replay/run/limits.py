@@ -7,7 +7,7 @@ from typing import Final
 GRACE_S: Final = 2.0
 """Time that a method has to report its next iterate after its time is up [s]; then its process is ended."""
 BUSY: Final = 5.0
-"""Times the limit of processor time by which a busy machine may delay a method; then it is taken to hang."""
+"""Multiple of the limit of processor time that a method may take in wall time; beyond it, it counts as hung."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,9 +22,9 @@ Status = Literal["improved", "kept", "failed"]
 MOST_ITERATES: Final = 400
 """Iterates kept for playing back, at most; the first and the last accepted one always are."""
 EQUAL: Final = 1e-6
-"""Relative difference in J by which no path is better than another [-]."""
+"""Relative difference in J below which paths count as equally good [-]."""
 AS_GOOD: Final = 1e-3
-"""Relative difference in J that nobody would notice [-]."""
+"""Relative difference in J that nobody would notice, for `as_good` [-]."""
 
 
 _RECORDED: Final = (0.4, 0.4, 0.4)
@@ -156,7 +156,7 @@ class Run:
 
     @property
     def as_good(self) -> list[MethodRun]:
-        """Other improved paths, whose J is the best one's but for what nobody would notice."""
+        """Other improved paths, equally good: within `AS_GOOD` of the best J."""
         best, improved = self.best, [run for run in self.methods if run.status == "improved"]
         most = math.inf if best is None else best.metrics.objective * (1.0 + AS_GOOD)
         return [run for run in improved if run is not best and run.metrics.objective <= most]

@@ -50,7 +50,7 @@ def minimise_bfgs(
     are forgotten, after `_REFRESH` steps, then twice as many, and so on: far from rest a new metric is worth more than
     what was learned, near it less.
 
-    evaluate: gives the value of F at points, its gradient (M, 2), and where that is asked for the metric, (BAND, 2 M).
+    evaluate: gives the value of F at points, its gradient (M, 2), and on request the metric, (BAND, 2 M).
     """
     mask = np.repeat(free, 2)
     points = points.copy()

@@ -187,7 +187,7 @@ class Convexification:
         return None
 
     def _first_penalty(self, knots: Knots) -> Penalty:
-        """Weight and multipliers to begin with: those of the last solution where it goes on from its knots."""
+        """Weight and multipliers to begin with: those of the last solution where this one continues from its knots."""
         if self._last is not None and self._last[0] is knots:
             return self._last[1]
         return Penalty(self.options.weight, np.zeros((len(knots.h), 4)), np.zeros((len(knots.phi), 2)))

@@ -71,7 +71,7 @@ def parts_of(folder: Path) -> tuple[list[str], list[Finding]]:
         return names, [Finding("W_NO_METADATA", f"the folder has no {METADATA}; its parts are taken by number", False)]
     missing = [name for name in listed if name not in present]
     if len(missing) == len(listed):
-        raise LogError("E_NOT_A_FILE", folder, f"none of the {len(listed)} parts that its {METADATA} lists is there")
+        raise LogError("E_NOT_A_FILE", folder, f"none of the {len(listed)} parts that its {METADATA} lists exists")
     if len(listed) > MAX_PARTS:
         raise LogError("E_TOO_LARGE", folder, f"it has {len(listed)} parts, at most {MAX_PARTS} are read")
     found = [Finding("W_PART_MISSING", f"part {printable(name, 100)} is missing", True) for name in missing]

@@ -22,7 +22,7 @@ from replay.logs.meaning.plausibility import LARGEST_DEFECT, LIMIT_SLACK
 from replay.logs.meaning.recorded_poses import RecordedPoses
 
 GIVEN_WAY = 0.02
-"""A path may be moved aside by so much [m] and three standard deviations of the noise to keep limits and clearance."""
+"""A path may be moved by this [m] plus three standard deviations of the noise to keep limits and clearance."""
 _TURNED_AWAY = 0.01  # the same of headings [rad]
 _DEVIATIONS = 3.0
 _SURE_HITCH = 0.02  # [rad]: a last hitch angle that is known better is not tried otherwise
