@@ -18,8 +18,8 @@ from replay.regress.options import Options
 from replay.regress.plan import Execute, Plan, carry_out, start
 from replay.regress.supervisor import Supervisor, run_here
 from replay.report.conclusion import Conclusion
+from tools.attacks.same_results import timeless
 from tools.processes import REPLAY
-from tools.regress.same import timeless
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 RECORDINGS = ROOT / "recordings"

@@ -11,7 +11,7 @@ from optim.audit.data import read_path, read_vehicle
 from optim.audit.motion import excess, footprints
 from optim.model.path import Path, roll_out_segment
 from optim.model.vehicle import Vehicle
-from tools.brute_collision import compare, dense_states, random_drive, random_vehicle
+from tools.attacks.brute_collision import compare, dense_states, random_drive, random_vehicle
 
 
 def test_random_scenes_agree_with_brute_force_within_the_bound() -> None:

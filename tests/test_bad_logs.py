@@ -10,7 +10,7 @@ import pytest
 from optim.model.vehicle import Vehicle
 from replay.base.errors import LogError
 from replay.run.case import Case
-from tools.bad_logs_vehicle import vehicle_message, with_vehicle
+from tools.attacks.bad_logs_vehicle import vehicle_message, with_vehicle
 
 VEHICLE = Vehicle()
 TRACTOR = {

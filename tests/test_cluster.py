@@ -17,10 +17,10 @@ from replay.regress.cluster import _do, check_address, connected, run_on_cluster
 from replay.regress.plan import Plan, carry_out, jobs_of, start
 from replay.regress.sources import digest
 from replay.regress.supervisor import run_here
+from tools.attacks.local_cluster import LocalCluster
+from tools.attacks.small_logs import write_corpus
+from tools.attacks.worker_storm import growth
 from tools.processes import is_running
-from tools.regress.local_cluster import LocalCluster
-from tools.regress.small_logs import write_corpus
-from tools.regress.storm import growth
 
 COUNT = 16
 

@@ -9,9 +9,9 @@ import regress_help as help
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 
+from tools.attacks.local_cluster import Certificates, LocalCluster
+from tools.attacks.small_logs import write_corpus
 from tools.processes import REPLAY
-from tools.regress.local_cluster import Certificates, LocalCluster
-from tools.regress.small_logs import write_corpus
 
 COUNT = 4
 PATHS = os.pathsep.join([str(help.ROOT), str(help.ROOT / "tests")])

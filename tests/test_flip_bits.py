@@ -2,7 +2,7 @@
 
 import pytest
 
-from tools.flip_bits import FORMS, Read, judged, messages, small_log, sweep
+from tools.attacks.flip_bits import FORMS, Read, judged, messages, small_log, sweep
 
 SAID = frozenset({"W_TRUNCATED"})
 SOUND = Read(["a", "b"], frozenset())

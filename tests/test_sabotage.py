@@ -11,11 +11,11 @@ from scenes import blocks_beside
 from optim.audit.checks import ALL
 from optim.model.objective import Weights
 from optim.model.scene import make_scene
-from tools.saboteur.claims import KINDS, Claim, Kind, as_json, claim_of
-from tools.saboteur.trial import passes_without, report_of, spoiled, trial
+from tools.attacks.saboteur.claims import KINDS, Claim, Kind, as_json, claim_of
+from tools.attacks.saboteur.trial import passes_without, report_of, spoiled, trial
 
 SEEDS = 2
-"""Results spoiled in each way; `tools/sabotage.py` spoils results of real logs with a hundred."""
+"""Results spoiled in each way; `tools/attacks/sabotage.py` spoils results of real logs with a hundred."""
 
 
 @pytest.fixture(scope="module")

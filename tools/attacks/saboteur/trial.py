@@ -9,8 +9,8 @@ import numpy as np
 
 import optim.audit.checks as audit
 import optim.audit.data as audit_data
-from tools.saboteur import alone, forged
-from tools.saboteur.claims import KINDS, Claim, Kind, as_json, copied
+from tools.attacks.saboteur import alone, forged
+from tools.attacks.saboteur.claims import KINDS, Claim, Kind, as_json, copied
 
 __all__ = ["KINDS", "Kind", "Outcome", "alone", "forged", "passes_without", "report_of", "spoiled", "trial"]
 READING = {"finite": ("_require_finite",), "structure": ("_require_gear", "_require_simple")}

@@ -1,6 +1,6 @@
 """Check how `replay info` behaves on a folder of broken, hostile and odd logs that come with a manifest.
 
-Usage: python tools/bad_logs.py FOLDER [--only TEXT] [--jobs N]
+Usage: python -m tools.attacks bad-logs FOLDER [--only TEXT] [--jobs N]
 
 FOLDER/manifest.json lists `cases`, each with `file`, `class`, `code`, `messages` and `limits` (seconds, rss_mib):
 
@@ -27,9 +27,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
-from tools.bad_logs_vehicle import vehicle_message, with_vehicle
+from replay.base.errors import UsageError
+from tools.attacks.bad_logs_vehicle import vehicle_message, with_vehicle
 from tools.processes import REPLAY
-from tools.script import existing, from_one, run
+from tools.script import existing, from_one
 
 ADDRESS_SPACE = 6 << 30
 """Of one process [bytes]; loading the program alone takes some 2 GiB of addresses, little of it memory."""
@@ -59,18 +60,21 @@ class Outcome:
     rss_mib: float
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("folder", type=existing, metavar="FOLDER")
     parser.add_argument("--only", default="", help="cases whose name contains this")
     parser.add_argument("--jobs", type=from_one, default=2, help="processes (default: %(default)s)")
-    arguments = parser.parse_args()
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Exit status: 0 where all is as it should be, else 1."""
     manifest = arguments.folder / "manifest.json"
     if not manifest.is_file():
-        parser.error(f"{manifest} does not exist")
+        raise UsageError(f"{manifest} does not exist")
     cases = [case for case in json.loads(manifest.read_text())["cases"] if arguments.only in case["name"]]
     if not cases:
-        parser.error(f"no case of {manifest} has {arguments.only!r} in its name")
+        raise UsageError(f"no case of {manifest} has {arguments.only!r} in its name")
     with ThreadPoolExecutor(arguments.jobs) as pool:
         outcomes = list(pool.map(lambda case: check(arguments.folder, case), cases))
     for case, outcome in zip(cases, outcomes, strict=True):
@@ -207,7 +211,3 @@ def _compare_own(case: dict[str, Any], status: int, log: dict[str, Any], read: i
     else:
         said = status == 2 and error.endswith("[E_NO_PATH]")
     return wrong if said else [*wrong, f"against the rule: {OWN_RULE[case['name']]}"]
-
-
-if __name__ == "__main__":
-    run(main)

@@ -1,6 +1,6 @@
 """Run thousands of small logs on a Dask cluster of this machine while workers, or the coordinator, are killed.
 
-Usage: python tools/regress/storm.py [--count N] [--workers N] [--worker-kills N] [--coordinator-kills N]
+Usage: python -m tools.attacks worker-storm [--count N] [--workers N] [--worker-kills N] [--coordinator-kills N]
                                      [--method NAME] [--refused] [--seed N]
 
 At the end there must be exactly one valid result for each log. Says how often work on a log began, how much the
@@ -19,11 +19,12 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field
 
+from replay.base.errors import UsageError
 from replay.regress.folder import RunFolder
+from tools.attacks.local_cluster import LocalCluster
+from tools.attacks.small_logs import write_corpus
 from tools.processes import REPLAY, is_running
-from tools.regress.local_cluster import LocalCluster
-from tools.regress.small_logs import write_corpus
-from tools.script import from_one, method_name, run
+from tools.script import from_one, method_name
 
 MOST_EXECUTIONS = 1.2
 """Times each log may be worked on, on average."""
@@ -44,8 +45,8 @@ class Seen:
     status: int | None = None
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("--count", type=from_one, default=5000, help="logs (default: %(default)s)")
     parser.add_argument("--workers", type=from_one, default=2, help="default: %(default)s")
     parser.add_argument("--worker-kills", type=int, default=5, help="default: %(default)s")
@@ -55,19 +56,24 @@ def main() -> int:
         "--refused", action="store_true", help="logs that take no time, to look at the coordinator alone"
     )
     parser.add_argument("--seed", type=int, default=0, help="of the times of the kills (default: %(default)s)")
-    options = parser.parse_args()
-    if not 0 <= options.worker_kills <= len(_worker_kills(options.count)):
-        parser.error(f"--worker-kills: expected 0 to {len(_worker_kills(options.count))} for {options.count} logs")
-    if not 0 <= options.coordinator_kills <= len(_coordinator_kills(options.count)):
-        parser.error(f"--coordinator-kills: expected 0 to {len(_coordinator_kills(options.count))}")
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Exit status: 0 where all is as it should be, else 1."""
+    if not 0 <= arguments.worker_kills <= len(_worker_kills(arguments.count)):
+        raise UsageError(
+            f"--worker-kills: expected 0 to {len(_worker_kills(arguments.count))} for {arguments.count} logs"
+        )
+    if not 0 <= arguments.coordinator_kills <= len(_coordinator_kills(arguments.count)):
+        raise UsageError(f"--coordinator-kills: expected 0 to {len(_coordinator_kills(arguments.count))}")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # what was started is ended then, too
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
-        write_corpus(folder / "corpus", options.count, refused=options.refused)
-        with LocalCluster(folder / "cluster", options.workers) as cluster:
-            seen = storm(folder, cluster, options)
+        write_corpus(folder / "corpus", arguments.count, refused=arguments.refused)
+        with LocalCluster(folder / "cluster", arguments.workers) as cluster:
+            seen = storm(folder, cluster, arguments)
         left = [pid for pid in seen.killed if is_running(pid)]
-        return report(next((folder / "runs").iterdir()), options.count, seen, left)
+        return report(next((folder / "runs").iterdir()), arguments.count, seen, left)
 
 
 def _worker_kills(count: int) -> range:
@@ -156,7 +162,3 @@ def _memory(pid: int) -> float:
     except OSError:
         return 0.0
     return next((int(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmRSS")), 0.0)
-
-
-if __name__ == "__main__":
-    run(main)

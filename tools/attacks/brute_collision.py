@@ -1,6 +1,6 @@
 """Compare the audit's bound on the area swept between samples with brute force: both bodies at every 0.1 mm.
 
-Usage: python tools/brute_collision.py [--scenes N] [--first SEED] [--jobs N]
+Usage: python -m tools.attacks brute-collision [--scenes N] [--first SEED] [--jobs N]
 
 Each scene is a random vehicle on a random drive past obstacles that touch, just miss or just hit what it sweeps, on
 its outer and its inner side. Three things must hold in every scene: what brute force finds colliding is rejected; the
@@ -26,7 +26,7 @@ from optim.model.path import Path, Segment, roll_out_segment
 from optim.model.vehicle import Vehicle, body_corners
 from replay.base.kernels import drop_stale
 from replay.run.plain import path_to_document
-from tools.script import from_one, run
+from tools.script import from_one
 
 STEP = 1e-4
 """Between the poses of brute force [m]."""
@@ -62,12 +62,15 @@ class Compared:
         return ""
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("--scenes", type=from_one, default=1000, help="default: %(default)s")
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--jobs", type=from_one, default=1, help="processes (default: %(default)s)")
-    arguments = parser.parse_args()
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Exit status: 0 where all is as it should be, else 1."""
     drop_stale()
     seeds = range(arguments.first, arguments.first + arguments.scenes)
     with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("fork")) as pool:
@@ -185,7 +188,3 @@ def _distances(vehicle: Vehicle, states: Any, areas: Any) -> Any:
     """From the nearest obstacle, for each state the nearer body's [m]."""
     bodies = np.asarray(shapely.polygons(body_corners(vehicle, states).reshape(-1, 4, 2)))
     return shapely.distance(bodies[:, None], areas[None, :]).min(axis=1).reshape(-1, 2).min(axis=1)
-
-
-if __name__ == "__main__":
-    run(main)

@@ -1,6 +1,6 @@
 """Read every prefix of small logs, and every version of them with one bit flipped: nothing altered may be delivered.
 
-Usage: python tools/flip_bits.py [LOG...] [--every N] [--first K] [--jobs N]
+Usage: python -m tools.attacks flip-bits [LOG...] [--every N] [--first K] [--jobs N]
 
 Without LOG: small logs of three forms (zstd, lz4, without chunks), with all checksums, message by message. A prefix
 gives the first messages of the whole and a warning, a flipped bit a part of the sound messages and a remark. With LOG,
@@ -26,7 +26,7 @@ from replay.base.errors import LogError
 from replay.base.kernels import drop_stale
 from replay.logs import read_cases
 from replay.logs.container.scan import scan
-from tools.script import existing, from_one, run
+from tools.script import existing, from_one
 
 FORMS = {
     "zstd": {"compression": CompressionType.ZSTD, "chunk_size": 200},
@@ -47,13 +47,16 @@ class Read(NamedTuple):
 Reader = Callable[[pathlib.Path], Read]
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("logs", type=existing, nargs="*", metavar="LOG")
     parser.add_argument("--every", type=from_one, default=1, help="take each N-th bit or byte (default: all)")
     parser.add_argument("--first", type=int, default=0, help="the first bit or byte (default: %(default)s)")
     parser.add_argument("--jobs", type=from_one, default=1, help="processes (default: %(default)s)")
-    arguments = parser.parse_args()
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Exit status: 0 where all is as it should be, else 1."""
     drop_stale()
     logs = {log.name: log.read_bytes() for log in arguments.logs} or {name: small_log(name) for name in FORMS}
     reader = whole if arguments.logs else messages
@@ -168,7 +171,3 @@ def judged(damage: str, read: Read, sound: Read) -> str:
     else:
         is_part = not collections.Counter(read.content) - collections.Counter(sound.content)
     return "read in part with a remark" if is_part else "WRONG, altered"
-
-
-if __name__ == "__main__":
-    run(main)

@@ -1,6 +1,6 @@
 """End `replay optimize` at random times and look at what it leaves: nothing, or whole files.
 
-Usage: python tools/kill_storm.py LOG [--kills N] [--signal KILL|TERM|INT|HUP] [--seed N]
+Usage: python -m tools.attacks kill-storm LOG [--kills N] [--signal KILL|TERM|INT|HUP] [--seed N]
 
 Each run writes into the same folder and gets the signal after a random part of the time that a whole run takes.
 After each, every file with a final name is read back: results as `replay audit` reads them, recordings chunk by chunk.
@@ -22,7 +22,7 @@ from replay.base.errors import ReplayError
 from replay.recording.writing import Unwritable, verify
 from replay.run.results import read_results
 from tools.processes import REPLAY, is_running
-from tools.script import existing, from_one, run
+from tools.script import existing, from_one
 
 PASSING = (".tmp", ".run")
 """Ends of the names of files that only last as long as a run."""
@@ -48,13 +48,16 @@ class Ended:
     """Processes of the run that go on."""
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("log", type=existing, metavar="LOG")
     parser.add_argument("--kills", type=from_one, default=200, help="default: %(default)s")
     parser.add_argument("--signal", default="KILL", choices=["KILL", "TERM", "INT", "HUP"], help="default: %(default)s")
     parser.add_argument("--seed", type=int, default=0, help="of the random times (default: %(default)s)")
-    arguments = parser.parse_args()
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Exit status: 0 where all is as it should be, else 1."""
     rng, number = random.Random(arguments.seed), getattr(signal, f"SIG{arguments.signal}")
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
@@ -160,7 +163,3 @@ def torn_files(folder: pathlib.Path) -> list[str]:
         except (ReplayError, Unwritable) as error:
             wrong.append(str(error))
     return wrong
-
-
-if __name__ == "__main__":
-    run(main)

@@ -9,7 +9,7 @@ from optim.audit.data import COLUMNS
 from optim.model.kinematics import roll_out
 from optim.model.path import roll_out_segment
 from optim.model.vehicle import body_corners
-from tools.saboteur.claims import (
+from tools.attacks.saboteur.claims import (
     TOLERANCES,
     Claim,
     Damage,

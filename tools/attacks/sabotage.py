@@ -1,6 +1,6 @@
 """Spoil sound results in many ways and see that the audit rejects every one, by the check that is meant to notice.
 
-Usage: python tools/sabotage.py LOG... [--seeds N] [--first SEED] [--methods A,B] [--only TEXT] [--part K/N] [--jobs N]
+Usage: python -m tools.attacks sabotage LOG... [--seeds N] [--methods A,B] [--only TEXT] [--jobs N]
 
 Sound claims are the recorded path of each log and what the methods make of it; those that pass the audit with some
 room are spoiled, `--seeds` times in each way, each time another path, another place, another amount. Then the check
@@ -21,21 +21,21 @@ from optim.methods import METHODS
 from optim.methods.chain import named
 from optim.model.path import Path
 from optim.model.problem import Problem
-from replay.base.errors import LogError
+from replay.base.errors import LogError, UsageError
 from replay.base.kernels import drop_stale
 from replay.logs import read_cases
 from replay.run.judge import run_case
-from tools.saboteur.claims import KINDS, Claim, claim_of
-from tools.saboteur.trial import Outcome, report_of, trial
-from tools.script import existing, from_one, method_name, run
+from tools.attacks.saboteur.claims import KINDS, Claim, claim_of
+from tools.attacks.saboteur.trial import Outcome, report_of, trial
+from tools.script import existing, from_one, method_name
 
 ROOM = 0.02
 """Least swept clearance of the paths to be spoiled [m]: small damage shall not be seen by a collision."""
 _sound: list[Claim] = []
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("logs", type=existing, nargs="+", metavar="LOG")
     parser.add_argument("--seeds", type=from_one, default=100, help="for each kind (default: %(default)s)")
     parser.add_argument("--first", type=int, default=0, help="the first seed")
@@ -43,17 +43,20 @@ def main() -> int:
     parser.add_argument("--only", default="", help="kinds whose name contains this")
     parser.add_argument("--part", type=_part, default="1/1", help="K/N: of N parts of the kinds, the K-th")
     parser.add_argument("--jobs", type=from_one, default=1, help="processes (default: %(default)s)")
-    arguments = parser.parse_args()
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Exit status: 0 where all is as it should be, else 1."""
     part, parts = arguments.part
     kinds = [number for number, kind in enumerate(KINDS) if arguments.only in kind.name][part - 1 :: parts]
     if not kinds:
-        parser.error(f"no kind has {arguments.only!r} in its name, or none is in part {part} of {parts}")
+        raise UsageError(f"no kind has {arguments.only!r} in its name, or none is in part {part} of {parts}")
     drop_stale()
     started = time.monotonic()
     sound = [claim for log in arguments.logs for claim in sound_claims(log, arguments.methods)]
     print(f"{len(sound)} sound paths of {len(arguments.logs)} logs; {time.monotonic() - started:.0f} s", flush=True)
     if not sound:
-        parser.error("none of the logs holds a sound path that could be spoiled")
+        raise UsageError("none of the logs holds a sound path that could be spoiled")
     _sound.extend(sound)  # inherited by the processes that are forked
     wrong = 0
     print(f"{'kind':52} {'check':11} {'rejected':>9} {'by it':>6} {'passes without':>15}")
@@ -119,7 +122,3 @@ def _row(number: int, found: list[Outcome]) -> bool:
         for failed, times in collections.Counter(outcome.failed for outcome in found).items():
             print(f"    {times} times noticed by: {', '.join(failed) or 'none'}")
     return right
-
-
-if __name__ == "__main__":
-    run(main)

@@ -1,6 +1,6 @@
 """Fuzz what reads foreign bytes, guided by coverage. Needs atheris (`pip install atheris`, Linux).
 
-Usage: python tools/fuzz.py TARGET [--minutes M] [--corpus FOLDER] [--seed N]
+Usage: python -m tools.attacks fuzz TARGET [--minutes M] [--corpus FOLDER] [--seed N]
 
     container   the reader of MCAP files, on damaged and invented files
     messages    the decoders of ROS 2 messages and the check of their definitions
@@ -220,13 +220,16 @@ def _small_results() -> bytes:
     return to_bytes(to_document(run))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("target", choices=TARGETS)
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--corpus", type=pathlib.Path, help="folder of inputs, kept and added to")
     parser.add_argument("--seed", type=int, default=1)
-    arguments = parser.parse_args()
+
+
+def main(arguments: argparse.Namespace) -> int | None:
+    """Exit status: 0 where all is as it should be, else 1."""
     with contextlib.ExitStack() as stack:
         folder = arguments.corpus or pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
         folder.mkdir(parents=True, exist_ok=True)
@@ -248,7 +251,3 @@ def main() -> None:
         options = (*limits, f"-seed={arguments.seed}", "-rss_limit_mb=2048", f"-artifact_prefix={folder}/")
         atheris.Setup([sys.argv[0], *options, str(folder)], one)
         atheris.Fuzz()
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """Run a corpus here and on a cluster, with one process and with two, in several orders: results must be the same.
 
-Usage: python tools/regress/same.py [--count N] [--corpus FOLDER] [--method NAME]...
+Usage: python -m tools.attacks same-results [--count N] [--corpus FOLDER] [--method NAME]...
 
 By default on small logs; times alone may differ. The exit status is 1 if anything else does.
 """
@@ -16,29 +16,32 @@ from typing import Any
 
 from replay.base.documents import plain
 from replay.regress.folder import RunFolder
+from tools.attacks.local_cluster import LocalCluster
+from tools.attacks.small_logs import write_corpus
 from tools.processes import REPLAY
-from tools.regress.local_cluster import LocalCluster
-from tools.regress.small_logs import write_corpus
-from tools.script import existing, from_one, method_name, run
+from tools.script import existing, from_one, method_name
 
 TIMES = ("wall_s", "reason", "path")
 """Fields that may differ: times, sentences that contain times, and the place of the log."""
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def options(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
     parser.add_argument("--count", type=from_one, default=300, help="small logs (default: %(default)s)")
     parser.add_argument("--corpus", type=existing, metavar="FOLDER", help="take the logs of this folder")
     parser.add_argument("--method", action="append", type=method_name, help="may be repeated (default: ddp, cpo)")
-    options = parser.parse_args()
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Exit status: 0 where all is as it should be, else 1."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # what was started is ended then, too
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
-        corpus = options.corpus or folder / "corpus"
-        if options.corpus is None:
-            write_corpus(corpus, options.count)
+        corpus = arguments.corpus or folder / "corpus"
+        if arguments.corpus is None:
+            write_corpus(corpus, arguments.count)
         common = [str(corpus), "--recordings", "none"]
-        common += [word for method in options.method or ["ddp", "cpo"] for word in ("--method", method)]
+        common += [word for method in arguments.method or ["ddp", "cpo"] for word in ("--method", method)]
         found = {"here, 1 process": _results(folder / "1", [*common, "--jobs", "1"])}
         found["here, 2 processes, shuffled"] = _results(folder / "2", [*common, "--jobs", "2", "--shuffle", "1"])
         for workers, order in ((1, []), (2, ["--shuffle", "2"])):
@@ -68,7 +71,3 @@ def timeless(document: Any) -> Any:
     if isinstance(document, dict):
         return {key: timeless(value) for key, value in document.items() if key not in TIMES}
     return [timeless(entry) for entry in document] if isinstance(document, list) else document
-
-
-if __name__ == "__main__":
-    run(main)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from optim.audit.data import COLUMNS
-from tools.saboteur.claims import (
+from tools.attacks.saboteur.claims import (
     Claim,
     Damage,
     Rng,

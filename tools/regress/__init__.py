@@ -1,1 +1,0 @@
-"""Regression runs under load: thousands of small logs, killed workers, killed coordinators."""
