@@ -53,11 +53,11 @@ class Sweep(NamedTuple):
     """Signed distances of the inflated hulls, for M intervals and both bodies. Arrays have shape (M, 2)."""
 
     clearance: Float64[Array, "M 2"]
-    """From the nearest obstacle [m]; inf without any; minus penetration depth and inflation on overlap."""
+    """Distance from the nearest obstacle [m]; inf without any; minus penetration depth and inflation on overlap."""
     polygon: Int64[IntArray, "M 2"]
     """The obstacle concerned, -1 without obstacles."""
     room: Float64[Array, "M 2"]
-    """To the map's outline, from inside [m]; inf without an outline; negative outside."""
+    """Distance to the map's outline, from inside [m]; inf without an outline; negative outside."""
     inflation: Float64[Array, "M 2"]
     """Inflation of the hulls [m]."""
 

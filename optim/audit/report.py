@@ -14,7 +14,7 @@ class Check:
 
     passed: bool
     sentence: str
-    """For people: what was found, and its limit."""
+    """What was found and its limit, as a sentence."""
     values: Mapping[str, float]
     limits: Mapping[str, float]
     """Limits of the values that decide."""

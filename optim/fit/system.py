@@ -231,5 +231,5 @@ def _add_bounds(rows: _Triplets, problem: FitProblem, bounds: Bounds, knots: Arr
 
 
 def _excess(values: Array, limit: float) -> Array:
-    """By how much values are beyond +-limit, with their sign; 0 within."""
+    """Excess of values over +-limit, with their sign; 0 within."""
     return values - np.clip(values, -limit * (1.0 - _INSIDE), limit * (1.0 - _INSIDE))

@@ -55,7 +55,7 @@ def curvature_bounds(length, turn, phi0, phi1, wheelbase, max_steer, max_rate):
 
     With known steering (phi0, phi1 finite) phi is linear: both follow exactly. Without, phi takes somewhere the
     value with which an arc turns as much (mean value theorem), and it stays within the limits on phi and dphi/ds; where
-    that value is itself beyond max_steer, the steering is taken to be no sharper anywhere on the interval.
+    that value is itself beyond max_steer, the steering is assumed not to be sharper anywhere on the interval.
     """
     if phi0 == phi0 and phi1 == phi1:
         steer = max(abs(phi0), abs(phi1))

@@ -301,7 +301,7 @@ def _cusp_cost(problem: Problem, options: Shortcut, start: _IntervalEnd, end: _I
 
 
 def _estimate(problem: Problem, options: Shortcut, connection: Connection) -> float:
-    """Cost of a connection from few samples: what is too dear here is too dear.
+    """Cost of a connection from few samples: one that costs too much here is rejected.
 
     Not a proven bound, but of 4762 connections on the sample logs none cost less than its estimate.
     """

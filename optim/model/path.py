@@ -239,7 +239,7 @@ def _sample(states, along, steering, d, kinematics, s, left, phi):
 
 
 def resample(vehicle: Vehicle, path: Path, spacing: float) -> Path:
-    """The same path with samples at most `spacing` [m] apart: samples are added by integration, none is moved.
+    """The same path with samples at most `spacing` [m] apart: samples are added by integration, and none moves.
 
     Stored samples stay, since phi is linear only between them.
     """

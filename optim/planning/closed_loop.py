@@ -195,7 +195,7 @@ class _Grower:
         s, states, phi = self.buffers
         is_free = tree.gears[parent] != gear
         line, kinematics = (sample.x, sample.y, sample.theta), self.problem.vehicle.kinematics
-        if gear > 0:  # the truck's rear axle is what follows the line forward
+        if gear > 0:  # forward, the truck's rear axle follows the line
             ahead = self.l_t
             line = (sample.x + ahead * math.cos(sample.theta), sample.y + ahead * math.sin(sample.theta), sample.theta)
         law = ((options.look_ahead if gear > 0 else options.look_behind) * self.l_t, *self.law)

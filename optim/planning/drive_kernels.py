@@ -8,7 +8,7 @@ angle, -atan(l_t kappa*), and the steering that brings the trailer's curvature t
     sigma = d (kappa* - kappa) / settle,   tan(phi) = l (kappa + l_t sigma / q) / sqrt(q),   q = 1 + (l_t kappa)^2,
 
 cancels the unstable motion of the hitch, so the closed loop is stable in either gear. Steering and its rate are
-limited as the vehicle's are; what was reached is what counts, not what was asked for.
+limited as the vehicle's are; the reached state counts, not the requested one.
 """
 
 import math

@@ -3,7 +3,7 @@
 One tree grows from the start, one from the goal, the latter along reversed time. A node is a flat state with
 sharpness 0, so that the steering is continuous from edge to edge; an edge is one exact connection in one gear,
 clear of obstacles between its samples too. The first path found is returned as it is, with all the needless turns
-of the samples it happened to go through: that is what the corpus is for.
+of the samples it happened to go through; the corpus needs such paths.
 """
 
 import math

@@ -104,7 +104,7 @@ def plain(value: Any) -> Any:
     """Data as JSON can hold them.
 
     Structs and dataclasses become objects, NumPy's numbers and arrays Python's, what is not finite null.
-    Raises TypeError for what has no place in a document.
+    Raises TypeError for a type that documents cannot hold.
     """
     if isinstance(value, msgspec.Struct):
         fields = ((field.encode_name, getattr(value, field.name)) for field in msgspec.structs.fields(value))
@@ -125,7 +125,7 @@ def plain(value: Any) -> Any:
         return value
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    raise TypeError(f"{type(value).__name__} has no place in a document")
+    raise TypeError(f"{type(value).__name__} cannot be written to a document")
 
 
 def to_bytes(value: Any) -> bytes:

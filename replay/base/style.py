@@ -42,7 +42,7 @@ _SPARE: Final[tuple[Colour, ...]] = (
     (235, 60, 235),
     (150, 240, 60),
 )
-"""For names without a colour of their own; 30 apart in CIE Lab, from each other and from all others, at least."""
+"""Colours of names without one of their own; 30 apart in CIE Lab, from each other and from all others, at least."""
 
 
 def styles(names: Iterable[str]) -> dict[str, Style]:

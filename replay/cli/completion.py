@@ -11,7 +11,7 @@ _MENDED = {
     'COMPREPLY=( $(compgen -f -- "${cur}") )': "local IFS=$'\\n'; COMPREPLY=( $(compgen -f -- \"${cur}\") )",
     "complete -F _replay replay": "complete -o filenames -F _replay replay",
 }
-"""In the script for bash: names of files with spaces in them would be torn apart, and folders not be gone into."""
+"""Corrections of the script for bash, which splits file names at spaces and does not complete into folders."""
 
 
 def _install(**options: Any) -> pathlib.Path:

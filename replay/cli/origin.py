@@ -25,7 +25,7 @@ class Origin:
 
     @classmethod
     def of(cls, document: ResultsDocument, source: pathlib.Path) -> "Origin":
-        """From a results document."""
+        """Make the origin from a results document."""
         return cls(source=str(source), sha256=document.log.sha256, case=document.log.case, tool=document.tool)
 
     def chosen(self, cases: Sequence[Case]) -> list[Case]:

@@ -208,7 +208,7 @@ class Session:
         return Progress(self.voice.people, enabled=self.voice.wants_progress, prefix=position)
 
     def _summarize(self, entries: Sequence[LogEntry]) -> None:
-        """For several logs, the last line: which of them could not be used."""
+        """Print the last line after several logs: which of them could not be used."""
         failed = [entry.log for entry in entries if entry.error is not None]
         if len(entries) > 1 and failed:
             done = len(entries) - len(failed)

@@ -34,7 +34,7 @@ def verdict(run: Run) -> str:
 
 
 def remarks(run: Run) -> list[str]:
-    """Whether the path to drive is safe, and which methods' paths are as good."""
+    """Whether the path to drive is safe, and which methods' paths are equally good."""
     best, required = run.best, run.case.problem.required_clearance
     if best is None:
         passes = "passes the audit" if run.recorded_audit.passed else "does not pass the audit"

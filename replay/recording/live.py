@@ -28,7 +28,7 @@ from replay.run.case import Case
 from replay.run.outcome import Run
 
 _PATIENCE_S: Final = 5.0
-"""For a viewer to take what was sent [s]."""
+"""Time for a viewer to receive what was sent [s]."""
 
 
 class LiveRecording:

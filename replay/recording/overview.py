@@ -95,7 +95,7 @@ def _mark(track: Track) -> str:
 
 
 def _as_good(run: Run, tracks: list[Track]) -> list[str]:
-    """Other methods that are as good: the time that they take may decide then."""
+    """Equally good methods: their time may decide then."""
     names = [cell(track.style.label) for track in tracks if track.run in run.as_good]
     return ["", f"Equally good (within {100.0 * AS_GOOD:g} %): {', '.join(names)}"] if names else []
 

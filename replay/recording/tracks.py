@@ -28,7 +28,7 @@ _MOST_ROWS: Final = 1000  # of one path, so that a very long one does not grow t
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Track:
-    """One path as it is drawn. Rows are samples of the path, none is interpolated; R rows."""
+    """One path as it is drawn. The R rows are samples of the path, without interpolation."""
 
     name: str
     style: Style
@@ -50,7 +50,7 @@ class Track:
     starts: IntArray
     """Row at which each segment starts."""
     distance: Array
-    """From the nearer body to its nearest obstacle [m], inf without obstacles. Shape (R,)."""
+    """Distance from the nearer body to its nearest obstacle [m], inf without obstacles. Shape (R,)."""
     nearest: Array
     """The two points that are that far apart, on the body and on the obstacle. Shape (R, 2, 2)."""
     run: MethodRun | None = None

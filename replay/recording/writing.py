@@ -1,4 +1,4 @@
-"""Fills a recording and proves that what is in the file is what was meant."""
+"""Fill a recording and verify that the file holds what was logged."""
 
 import contextlib
 import hashlib

@@ -54,7 +54,7 @@ def trend(run: RunData, history: pathlib.Path) -> list[TrendPoint]:
 
 
 def _folders(history: pathlib.Path) -> Iterable[str]:
-    """Names of the runs' folders: they begin with the time, so that their order is that of time."""
+    """Names of the runs' folders: they begin with the time, so that they sort by time."""
     try:
         return [name for name in os.listdir(history) if (history / name / HEAD).is_file()]  # noqa: PTH208
     except OSError:

@@ -40,7 +40,7 @@ def _extent(run: RunData) -> list[str]:
     """Notes on an unfinished or partial run, and on changed options."""
     parts = []
     if not run.head.complete:
-        parts.append("**Unfinished:** this is what there is so far.")
+        parts.append("**Unfinished:** the results so far.")
     if run.head.partial:
         parts.append(f"**Only a part of the corpus:** {escaped(run.head.partial)}.")
     if run.head.other_options:

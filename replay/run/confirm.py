@@ -25,7 +25,7 @@ from replay.run.plain import path_from_document
 from replay.run.stored import problem_of
 
 _AGREEMENT = 1e-6
-"""By which a stored number may differ from the recomputed one, absolute below 1, relative above [-]: another machine
+"""Largest difference of a stored number from the recomputed one, absolute below 1, relative above [-]: another machine
 adds in another order."""
 
 
@@ -36,7 +36,7 @@ class Confirmation:
     name: str
     """Name of the method; "recorded" for the recorded path."""
     report: AuditReport
-    """From the file's vehicle, scene and paths alone."""
+    """The repeated audit: it reads only the file's vehicle, scene and paths."""
     differences: tuple[str, ...]
     """Claims of the file that the repeated audit does not confirm, one line each."""
 

@@ -31,7 +31,7 @@ LEAST_GAIN = 1e-9
 """Relative gain in J that "improved" claims at least where the recorded path passes the audit too [-]: rounding alone
 reaches 1e-12."""
 CLEARANCE_SLACK = 1e-4
-"""By which the clearance of what is "improved" may fall short of the required one [m]; methods keep 1e-6."""
+"""Tolerance on the required clearance of an "improved" path [m]; methods keep 1e-6."""
 
 
 def gains(before: float, after: float) -> bool:

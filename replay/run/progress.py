@@ -51,7 +51,7 @@ class Progress:
         self.begin(work, state)
 
     def begin(self, work: str, state: str) -> None:
-        """Show this work beside what is shown."""
+        """Show a further task."""
         self.end(work)
         self._works.add(work)
         self._lines.add(work, state)

@@ -49,7 +49,7 @@ class Stretch:
     deviation: float
     """Largest distance of the curve from the points [m]."""
     gap: float
-    """By how much the curve misses its end [m or rad]: rounding where the fit has converged."""
+    """Distance of the curve from its end [m or rad]: rounding where the fit has converged."""
 
 
 def steering(vehicle: Vehicle, kappa: NDArray, sigma: NDArray, curl: NDArray) -> tuple[NDArray, NDArray]:

@@ -13,7 +13,7 @@ and gradient come from one interpolated distance field; turns are signed; the mi
 as it was recorded, and the reason says which and why.
 
 A round moves the points from the recorded path (or what is anchored of it) to the least F. In between they are laid
-out evenly again: a detour that has gone leaves them crowded. Then the stretch beside them is checked
+out evenly again: a detour that disappears leaves them crowded. Then the stretch beside them is checked
 (`optim.methods.cpo.trial`). Points where it fails are anchored where they were recorded, more of them around with
 every round, and the next round moves the others.
 """
@@ -98,7 +98,7 @@ class Cpo:
     max_step: float = 0.5
     """No point moves further in one step [m]: a longer one may jump over an obstacle."""
     sweeps: int = 2
-    """In each round the points are laid out evenly again and moved on, this often at most [-]."""
+    """Maximum number of rounds, each of which lays the points out evenly again and moves them on [-]."""
     rounds: int = 12
     """Rounds of anchoring for each segment, at most [-]; then it stays as recorded."""
     sample_spacing: float = 0.05

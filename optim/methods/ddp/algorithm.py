@@ -45,7 +45,7 @@ class PenaltySchedule:
     spacing: float
     """Distance between knots [m]."""
     penalties: PerConstraint
-    """At the start [1/m^2, 1/rad^2]."""
+    """Initial penalties [1/m^2, 1/rad^2]."""
     rounds: int
     """Maximum number of updates of the multipliers."""
     iterations: int
@@ -55,7 +55,7 @@ class PenaltySchedule:
     tolerances: PerConstraint
     """Largest residuals that count as converged."""
     regularisation: float = 1.0
-    """Of the first iteration."""
+    """Regularisation of the first iteration."""
     curvature: bool = True
     """Whether second derivatives are used at all."""
     second_from: int = 1

@@ -39,14 +39,14 @@ class Expansion(NamedTuple):
     """Derivatives by z = (x, u) along N stages with n states and m controls. Writable; a model fills them."""
 
     fz: Float64[Array, "N n n+m"]
-    """Of f. Shape (N, n, n + m)."""
+    """First derivatives of f. Shape (N, n, n + m)."""
     fzz: Float64[Array, "N _ n+m n+m"]
-    """Second ones of the first r components of f, the others being linear; r = 0 for Gauss-Newton (iLQR). Shape
+    """Second derivatives of the first r components of f, the others being linear; r = 0 for Gauss-Newton (iLQR). Shape
     (N, r, n + m, n + m)."""
     gap: Float64[Array, "N n"]
     """f(x, u) - next x. Shape (N, n)."""
     lz: Float64[Array, "N+1 n+m"]
-    """Of l; the last row is the terminal cost's, 0 by u. Shape (N + 1, n + m)."""
+    """First derivatives of l; the last row is the terminal cost's, 0 by u. Shape (N + 1, n + m)."""
     lzz: Float64[Array, "N+1 n+m n+m"]
     """Only the lower triangle is read. Shape (N + 1, n + m, n + m)."""
     bend: Float64[Array, "_ n n"]
@@ -55,15 +55,15 @@ class Expansion(NamedTuple):
     metric: Float64[Array, "N+1 n n"]
     """What one unit of regularisation adds to l_xx. Shape (N + 1, n, n)."""
     control_metric: Float64[Array, " m"]
-    """And to the diagonal of l_uu. Shape (m,)."""
+    """What it adds to the diagonal of l_uu. Shape (m,)."""
     low: Float64[Array, "N m"]
-    """Bounds of du. Shape (N, m)."""
+    """Lower bounds of du. Shape (N, m)."""
     high: Float64[Array, "N m"]
     """Shape (N, m)."""
     low_x: Float64[Array, "_ m n"]
-    """Their derivatives by the state; shape (N, m, n), or (0, m, n) for constant bounds."""
+    """Derivatives of `low` by the state; shape (N, m, n), or (0, m, n) for constant bounds."""
     high_x: Float64[Array, "_ m n"]
-    """As `low_x`."""
+    """Derivatives of `high`, in the shape of `low_x`."""
     sizes: tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]
     """Tuples of n, of m and of (n + m + 3) // 4 entries: the compiler knows their lengths, so that loops unroll (twice
     as fast)."""
@@ -82,13 +82,13 @@ class Outlook(NamedTuple):
     """What a backward pass promises of a step along its policy."""
 
     failed_stage: int
-    """The stage whose Q_uu is not positive; -1 where there is none. Else the pass has not gone through."""
+    """The stage whose Q_uu is not positive; -1 if the pass completed."""
     change: float
     """Expected change of the cost by a full step."""
     linear: float
     """The part of it that is linear in the step."""
     gradient: float
-    """Largest projected gradient |u - clip(u - Q_u)|; infinite where the pass has not gone through."""
+    """Largest projected gradient |u - clip(u - Q_u)|; infinite if the pass failed."""
     gap_slope: float
     """Largest |V_x| beside a gap."""
 

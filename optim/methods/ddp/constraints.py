@@ -15,7 +15,7 @@ from optim.numerics.arrays import Array, Float64, Int64, IntArray
 from optim.numerics.kernel import kernel
 
 NEAREST = 0.01
-"""Least slack [m, rad] that the metric tells from none."""
+"""Least slack [m, rad] that the metric distinguishes from none."""
 CLOSEST = 1e-3
 """Distance of two points [m] below which the curvature 1 / d of their distance no longer grows."""
 
@@ -26,13 +26,13 @@ class PerConstraint(NamedTuple):
     goal: float
     """[m, rad]"""
     hitch: float
-    """Of the hitch angle [rad]."""
+    """[rad]"""
     clearance: float
     """[m]"""
 
 
 class Residuals(NamedTuple):
-    """The largest ones of each kind of constraint."""
+    """The largest residuals of each kind of constraint."""
 
     complementary: PerConstraint
     """What decides convergence: for the inequalities |max(c, -lambda / rho)|, which also sees a force where nothing
@@ -68,7 +68,7 @@ class Lagrangian(NamedTuple):
     max_hitch: float
     """Largest hitch angle [rad]."""
     hitch_multiplier: Float64[Array, "S 2"]
-    """Of alpha <= limit and -alpha <= limit at each knot. Shape (N + 1, 2)."""
+    """Multipliers of alpha <= limit and -alpha <= limit at each knot. Shape (N + 1, 2)."""
     required: Float64[Array, "S 2"]
     """Clearance of truck and trailer at each knot [m]. Shape (N + 1, 2)."""
 
@@ -77,7 +77,7 @@ class Bodies(NamedTuple):
     """Truck and trailer."""
 
     footprints: Float64[Array, "2 3"]
-    """As `Vehicle.footprints`."""
+    """Footprints of truck and trailer, as in `Vehicle.footprints`."""
     hitch_offset: float
     """M [m]."""
 

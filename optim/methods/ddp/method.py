@@ -45,7 +45,7 @@ class Ddp:
     max_rounds: int = 12
     """Descents at the final knots, at most [-]; each asks for the clearance that the last lacked between knots."""
     removals: int = 4
-    """Segments whose removal may be tried in vain, shortest first [-]."""
+    """Maximum number of failed attempts to remove a segment, shortest first [-]."""
     goal_penalty: float = 1000.0
     """First penalty of the goal [1/m^2, 1/rad^2]; where a descent ends infeasible, others begin with 10 and 1000
     times this, and 100 and 1000 times `clearance_penalty`."""

@@ -174,12 +174,12 @@ class TruckModel:
         self.lagrangian.hitch_multiplier[:] = other.lagrangian.hitch_multiplier[knot] * share[:, None]
 
     def expand(self, now: Trajectory, curvature: bool) -> tuple[float, Expansion]:
-        """As `Model` asks for it; features are listed again where that is needed."""
+        """Implement `Model.expand`; features are listed again where needed."""
         self.list_rows(now.states)
         return expand(self.stages, self.constraints, now, curvature, self.expansion), self.expansion
 
     def roll_out(self, now: Trajectory, policy: Policy, step: float, into: Trajectory) -> float:
-        """As `Model` asks for it; infinite where a knot moves out of the reach of its list of features."""
+        """Implement `Model.roll_out`; infinite where a knot leaves the reach of its list of features."""
         return roll_out(self.stages, self.constraints, self.expansion, now, policy, step, self.reach, into)
 
     def residuals(self, states: Array) -> Residuals:

@@ -49,7 +49,7 @@ def is_feasible(descent: Descent, schedule: PenaltySchedule) -> bool:
 
 
 def shed_segments(first: Descent, schedule: PenaltySchedule, most: int, on_step: OnStep) -> list[Descent]:
-    """Leave out segments while J falls, with at most so many trials that fail; `first` and all that were better."""
+    """Leave out segments while J falls, with at most `most` failed trials; `first` and every better one."""
     return leave_out_segments(
         first,
         first.problem.vehicle,
@@ -119,6 +119,6 @@ def polish(descent: Descent, schedule: PenaltySchedule, rounds: int, on_step: On
 
 
 def _hitch_excess(problem: Problem, path: Path) -> float:
-    """By how much the hitch angle exceeds its limit, or that at the ends, between the knots [rad]; <= 0: not."""
+    """Excess of the hitch angle between knots over its limit, or that at the ends [rad]; <= 0: none."""
     limit = max(problem.vehicle.max_hitch, abs(path.start[3]), abs(path.goal[3]))
     return max(float(np.abs(segment.alpha).max()) for segment in path.segments) - limit

@@ -41,7 +41,7 @@ _SHORTEST, _LONGEST = 1e-3, 1.0  # [m] of a step
 _GRADIENT = 1e-4  # largest projected gradient that counts as converged
 _CELL, _BESIDE = 0.25, 20.0  # [m] of the distance field, and how far it reaches beyond the path: a body's length
 _DENSE = 0.05  # [m] between samples of the path
-_FREE = 1e6  # [m, rad]: a roll-out that has gone so far has failed
+_FREE = 1e6  # [m, rad]: a roll-out that deviates this far has failed
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class SourceModel:
     expansion: Expansion
 
     def roll_out(self, now: Trajectory, policy: Policy, step: float, into: Trajectory) -> float:
-        """As `Model` asks for it; infinite where the states leave every map."""
+        """Implement `Model.roll_out`; infinite where the states leave every map."""
         (states, controls), (x, u) = now, into
         x[0] = states[0]
         for k in range(len(self.gear)):
@@ -69,7 +69,7 @@ class SourceModel:
         return self._cost(x, u)
 
     def expand(self, now: Trajectory, curvature: bool) -> tuple[float, Expansion]:
-        """As `Model` asks for it, without second derivatives."""
+        """Implement `Model.expand`, without second derivatives."""
         states, controls = now
         e, (h, phi) = self.expansion, controls.T
         reached, jacobian = rk4_step_jacobian(self.problem.vehicle, states[:-1], phi, phi, h, self.gear)

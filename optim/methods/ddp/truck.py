@@ -175,7 +175,7 @@ def expand(st, constraints, now, curvature, e):
             _expand_driving(st, e, k, now, curvature, jet, following)
         for i in range(STATES):
             miss = following[i] - states[k + 1, i]
-            # rounding is no gap: it would be carried along as one for ever
+            # rounding does not count as a gap, or it would be carried along for ever
             e.gap[k, i] = miss if abs(miss) > 1e-12 else 0.0
     total += knot_terms(scene, bodies, rows, lagrangian, states, stages, derive, e)
     return total

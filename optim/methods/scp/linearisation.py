@@ -60,7 +60,7 @@ class Linearisation:
     g_phi: Float64[Array, " K"]
     """Derivative of the objective by scaled phi. Shape (K,)."""
     g_h: Float64[Array, " K-1"]
-    """By scaled h. Shape (K - 1,)."""
+    """Derivative by scaled h. Shape (K - 1,)."""
     defects: Float64[Array, "K-1 4"]
     """Scaled. Shape (K - 1, 4)."""
     jacobian: Float64[Array, "K-1 4 7"]

@@ -34,7 +34,7 @@ class Point:
 
     @property
     def violation(self) -> float:
-        """The largest of all."""
+        """Largest defect, missing clearance or excess."""
         return max(float(np.abs(self.defects).max()), float(self.missing.max()), float(self.excess.max()))
 
     def merit(self, penalty: Penalty) -> float:

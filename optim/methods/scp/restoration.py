@@ -126,14 +126,14 @@ def _rate_rows(vehicle: Vehicle, knots: Knots, scales: Scales, held: BoolArray) 
 
 
 def hitch_excess(vehicle: Vehicle, knots: Knots) -> Array:
-    """By how much hitch angles exceed their limit, 0 at the ends [rad]. Shape (K,)."""
+    """Excess of hitch angles over their limit, 0 at the ends [rad]. Shape (K,)."""
     excess = np.maximum(np.abs(knots.states[:, 3]) - vehicle.max_hitch, 0.0)
     excess[[0, -1]] = 0.0
     return excess
 
 
 def rate_excess(vehicle: Vehicle, knots: Knots) -> Array:
-    """By how much the steering angle changes too fast on each interval [rad]. Shape (K - 1,)."""
+    """Excess of the change of steering angle on each interval [rad]. Shape (K - 1,)."""
     allowed = np.where(knots.gear != 0, vehicle.max_steer_rate * knots.h, np.inf)
     return np.maximum(np.abs(np.diff(knots.phi)) - allowed, 0.0)
 

@@ -37,7 +37,7 @@ class LogFigures(Struct, frozen=True, kw_only=True):
     sha256: str | None = None
     error: str | None = None
     cases: dict[str, dict[str, Figures]]
-    """By the number of the case within the log, then by method."""
+    """Figures by the number of the case within the log, then by method."""
 
 
 class Baseline(Struct, frozen=True, kw_only=True):
@@ -50,4 +50,4 @@ class Baseline(Struct, frozen=True, kw_only=True):
     options: OptionsDocument | None = field(default=None, name="settings")
     """Options with which it was made; absent in files of old versions."""
     logs: dict[str, LogFigures]
-    """By the log's name."""
+    """Figures by the log's name."""

@@ -44,5 +44,5 @@ class CorpusList(Struct, frozen=True, kw_only=True):
     methods: tuple[str, ...] = ()
     """Methods to run on the logs of this folder; all when empty."""
     logs: dict[str, LogDeclaration] = {}
-    """By the file's name without `.mcap`."""
+    """Entries by the file's name without `.mcap`."""
     known: tuple[Known, ...] = ()

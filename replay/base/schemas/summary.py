@@ -26,7 +26,7 @@ class Change(Struct, frozen=True, kw_only=True):
     after: float | str | None = None
     verdict: Verdict
     tolerance: str = ""
-    """In words; empty where there is none."""
+    """Tolerance in words; empty where there is none."""
     note: str = ""
 
     @property

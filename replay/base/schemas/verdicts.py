@@ -30,7 +30,7 @@ class Comparison(Struct, frozen=True, kw_only=True):
     """Direction that is better: lower, higher or exact."""
     rel_tol: float | None = None
     abs_tol: float | None = None
-    """In `unit`; both tolerances are added."""
+    """Absolute tolerance, in `unit`; both tolerances are added."""
     before: Scalar = None
     after: Scalar = None
     verdict: Verdict

@@ -132,7 +132,7 @@ class Findings:
             self._losing.add(code)
 
     def all(self) -> tuple[Finding, ...]:
-        """The findings, and a line for each code of which some were only counted."""
+        """The findings, and a line for each code with findings that were only counted."""
         listed = Counter(finding.code for finding in self._items)
         more = {code: count - listed[code] for code, count in self._per_code.items() if count > listed[code]}
         rest = [Finding(code, f"and {count} more of the same kind", False) for code, count in more.items()]

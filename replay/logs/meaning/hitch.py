@@ -29,7 +29,7 @@ class Angles(NamedTuple):
 
     kind: HitchSource
     name: str
-    """For people."""
+    """Description for messages."""
     times: IntArray
     """[ns], shape (k,)."""
     values: Array
@@ -43,7 +43,7 @@ class Hitch(NamedTuple):
 
     source: HitchSource
     alpha: Array | None
-    """At each kept pose [rad], shape (n,), or None: it is integrated from `initial`."""
+    """Hitch angle at each kept pose [rad], shape (n,); None: it is integrated from `initial`."""
     initial: float
     notes: list[str]
     sign_of: str = ""

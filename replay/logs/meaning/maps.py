@@ -62,7 +62,7 @@ class Maps:
         self._times = [message.log_time for message in topic.messages]
         self._understood: dict[int, LogMap] = {}
         self._grids: dict[tuple[object, ...], LogMap] = {}
-        """By what is in them: a latched map repeats itself."""
+        """Maps by the content of their messages: a latched map repeats itself."""
         self._markers_then: tuple[int, Markers] = 0, {}
         """The markers that are there after the first `count` messages."""
 

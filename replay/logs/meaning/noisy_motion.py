@@ -75,7 +75,7 @@ def signed_travel(poses: Array) -> Array:
 def turning_points(travel: Array, least: float) -> tuple[IntArray, int]:
     """Poses at which the gear changes, and the first gear, from the signed travel (n,).
 
-    Travel back by less than `least` [m] is noise; of what is more, none is lost.
+    Travel back by less than `least` [m] is noise; longer travel is kept.
     """
     low = high = 0  # poses of least and most travel since the last change
     gear = first = 0

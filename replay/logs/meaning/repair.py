@@ -86,7 +86,7 @@ class _Task(NamedTuple):
         return None
 
     def overlap(self, fit: Fit) -> float:
-        """By how much a path overlaps obstacles [m]; negative: by how much it is clear of them."""
+        """Overlap of a path with obstacles [m]; negative: its clearance."""
         return -path_clearance(self.vehicle, self.scene, fit.path)
 
     def other(

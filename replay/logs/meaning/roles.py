@@ -49,7 +49,7 @@ def truck_and_trailer(
         raise _ambiguous(every, "several pairs of them belong together as truck and trailer")
     if truck_chosen and not trailer_chosen:
         return trucks[0], None
-    for topic in every:  # a path that is broken in itself fits nothing: that is the better news
+    for topic in every:  # a path that is broken in itself fits nothing: the error about it says more
         _check_alone(topic)
     raise _unpaired(every, misfits, vehicle, frames)
 
