@@ -26,15 +26,16 @@ from replay.logs import read_cases
 from replay.run.judge import run_case
 from replay.run.plain import path_to_document, scene_to_document
 from tools.corpus.build import PLANNERS
-from tools.corpus.catalogue import FULL, SITES, Made, difference, make, make_log, read_list, write_list
+from tools.corpus.catalogue import Made, difference, full_names, make, make_log, read_list, write_list
 from tools.corpus.grid import draw_grid
-from tools.corpus.odd import ODD
-from tools.corpus.public import PUBLIC
+from tools.corpus.odd import odd_logs
+from tools.corpus.read import sites
 from tools.corpus.site import Box, Grid, Site, Wall, footprints
 from tools.corpus.write import content_digest
 
 FOLDER = Path(__file__).resolve().parent.parent / "recordings"
 LISTED = read_list(FOLDER)
+SITES, PUBLIC, ODD = sites("sample"), sites("public"), odd_logs()
 
 
 def test_the_folder_holds_the_listed_logs_and_no_others() -> None:
@@ -87,14 +88,14 @@ def test_an_independent_reader_understands_the_messages(name: str) -> None:
         info = messages["/map"].info
         assert len(messages["/map"].data) == info.width * info.height
     else:
-        assert len(messages["/obstacles"].markers) == len(SITES[name]().obstacles)
+        assert len(messages["/obstacles"].markers) == len(SITES[name].obstacles)
 
 
 FULL_LISTED = read_list(FOLDER / "full")
 
 
 def test_the_full_corpus_holds_the_listed_logs_and_no_others() -> None:
-    assert set(FULL_LISTED) == set(FULL) == {path.stem for path in (FOLDER / "full").glob("*.mcap")}
+    assert set(FULL_LISTED) == set(full_names()) == {path.stem for path in (FOLDER / "full").glob("*.mcap")}
     for name, entry in FULL_LISTED.items():
         data = (FOLDER / "full" / f"{name}.mcap").read_bytes()
         assert hashlib.sha256(data).hexdigest() == entry["sha256"], f"{name}.mcap has been changed"
@@ -199,9 +200,9 @@ def test_the_readme_shows_the_figures_of_the_list() -> None:
     assert shown == {name: (round(entry["length_m"]), entry["cusps"]) for name, entry in LISTED.items()}
 
 
-@pytest.mark.parametrize("name", [name for name, site in SITES.items() if isinstance(site().map, Grid)])
+@pytest.mark.parametrize("name", [name for name, site in SITES.items() if isinstance(site.map, Grid)])
 def test_every_point_of_an_obstacle_lies_in_a_blocked_cell(name: str) -> None:
-    site = SITES[name]()
+    site = SITES[name]
     cells, rng = draw_grid(site), np.random.default_rng(1)
     assert cells is not None
     x, y, yaw = cells.origin
@@ -272,8 +273,7 @@ def test_the_planner_gives_up_where_there_is_no_way() -> None:
 
 
 def test_start_and_goal_of_every_site_are_limits_that_the_vehicle_keeps() -> None:
-    for make_site in SITES.values():
-        site = make_site()
+    for site in SITES.values():
         states, _ = state_from_flat(site.vehicle, np.array([site.start, site.goal]))
         assert (np.abs(states[:, 3]) < site.vehicle.max_hitch).all()
         assert site.has_trailer_path or states[0, 3] == 0.0, "a reader could not know the first hitch angle"

@@ -15,7 +15,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from replay.base.kernels import drop_stale
-from tools.corpus.catalogue import FULL, SITES, Made, difference, make, read_list, write_list
+from tools.corpus.catalogue import Made, difference, full_names, make, read_list, sample_names, write_list
 from tools.script import from_one, run
 
 FOLDER = Path(__file__).resolve().parent.parent / "recordings"
@@ -25,10 +25,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Exit status: 0 all well, 1 a log differs from the list."""
     options = _parser().parse_args(arguments)
     drop_stale()
+    samples, full = sample_names(), full_names()
     begin, differences, count = time.perf_counter(), 0, 0
-    for folder, names in ((options.folder, SITES), (options.folder / "full", FULL)):
+    for folder, names in ((options.folder, samples), (options.folder / "full", full)):
         chosen = [name for name in names if name in options.only] if options.only else list(names)
-        if not chosen or (options.set == "sample" and names is FULL) or (options.set == "full" and names is SITES):
+        if not chosen or (options.set == "sample" and names is full) or (options.set == "full" and names is samples):
             continue
         differences += _make_folder(folder, chosen, options)
         count += len(chosen)
@@ -57,7 +58,7 @@ def _make_folder(folder: Path, names: Sequence[str], options: argparse.Namespace
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    every = [*SITES, *FULL]
+    every = [*sample_names(), *full_names()]
     parser.add_argument("--only", action="append", choices=every, metavar="NAME", help="one log; may be repeated")
     parser.add_argument("--set", choices=("sample", "full"), help="one of the two sets (default: both)")
     parser.add_argument("--check", action="store_true", help="write nothing; compare")

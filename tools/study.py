@@ -44,7 +44,7 @@ from replay.logs import read_cases  # noqa: E402
 from replay.run.judge import run_case  # noqa: E402
 from replay.run.limits import Limits  # noqa: E402
 from replay.run.worker import Workers  # noqa: E402
-from tools.corpus.catalogue import FULL, SITES, Entry, read_list  # noqa: E402
+from tools.corpus.catalogue import Entry, full_names, read_list, sample_names  # noqa: E402
 from tools.script import existing, from_one, method_name, run  # noqa: E402
 from tools.study_descriptions import obstacles_report  # noqa: E402
 from tools.study_report import report  # noqa: E402
@@ -160,7 +160,7 @@ def _logs(classes: Sequence[str], only: str) -> dict[str, tuple[pathlib.Path, En
     The odd ones are none of them.
     """
     found = {}
-    for folder, names in ((RECORDINGS, SITES), (RECORDINGS / "full", FULL)):
+    for folder, names in ((RECORDINGS, sample_names()), (RECORDINGS / "full", full_names())):
         listed = read_list(folder)
         for name in names:
             if not name.startswith("odd_") and only in name and (not classes or listed[name]["class"] in classes):

@@ -3,39 +3,18 @@
 import hashlib
 import json
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
 from optim.model.vehicle import Vehicle
-from tools.corpus import families, lots, odd, yards
+from tools.corpus import families, odd
 from tools.corpus.build import Built, build, build_with
-from tools.corpus.public import PUBLIC
+from tools.corpus.read import sites
 from tools.corpus.site import Grid, Site
 from tools.corpus.write import content_digest, to_bytes
-
-SITES: Final[Mapping[str, Callable[[], Site]]] = MappingProxyType(
-    {
-        make.__name__: make
-        for make in (
-            yards.bay_01,
-            yards.bay_02,
-            yards.angled_01,
-            yards.angled_02,
-            lots.parallel_01,
-            lots.parallel_02,
-            yards.dock_01,
-            yards.dock_02,
-            lots.yard_01,
-            lots.yard_02,
-            lots.lot_01,
-            lots.lot_02,
-        )
-    }
-)
-"""All sites by the names of their logs."""
 
 HARD: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -49,8 +28,6 @@ HARD: Final[Mapping[str, str]] = MappingProxyType(
 """Drawn sites that leave too little room for the RRT's clearance, and the planner that makes their path."""
 DRAWN: Final = tuple(f"{kind}_{n:02d}" for kind in families.CLASSES for n in range(1, 10))
 """Names of the drawn sites, nine of each class."""
-FULL: Final = (*DRAWN, *PUBLIC, *odd.ODD)
-"""Names of the logs of the full corpus, beside the sample logs."""
 
 LIST_NAME = "corpus.toml"
 _SCHEMA = "replay.corpus/1"
@@ -60,6 +37,8 @@ _HEAD = f"""\
 schema = "{_SCHEMA}"
 """
 
+SAMPLE, PUBLIC = "sample", "public"
+"""Files of scenes: of the sample logs, and of public scenarios in the full corpus."""
 Entry = dict[str, Any]
 """What the list says of one log."""
 
@@ -73,18 +52,28 @@ class Made:
     entry: Entry
 
 
+def sample_names() -> tuple[str, ...]:
+    """Names of the sample logs."""
+    return tuple(sites(SAMPLE))
+
+
+def full_names() -> tuple[str, ...]:
+    """Names of the logs of the full corpus, beside the sample logs."""
+    return (*DRAWN, *sites(PUBLIC), *odd.odd_logs())
+
+
 def make(name: str) -> Made:
     """Plan and write one log, of the samples or of the full corpus."""
-    if name in SITES:
-        return make_log(SITES[name]())
-    if name in odd.ODD:
+    if name in sites(SAMPLE):
+        return make_log(sites(SAMPLE)[name])
+    if name in odd.odd_logs():
         built, data = odd.make_odd(name)
-        kind = odd.ODD[name]
+        kind = odd.odd_logs()[name]
         entry = _entry(built, data) | {"title": kind.title, "expect": kind.expect}
         return Made(name=name, data=data, entry=entry)
     kind, _, number = name.rpartition("_")
-    if name in PUBLIC:
-        built = build_with(PUBLIC[name])
+    if name in sites(PUBLIC):
+        built = build_with(sites(PUBLIC)[name])
     elif name in HARD:
         built = families.build_hard(kind, int(number), HARD[name])
     else:
@@ -108,7 +97,7 @@ def _entry(built: Built, data: bytes) -> Entry:
     return {
         "sha256": hashlib.sha256(data).hexdigest(),
         "content": content_digest(data) if is_whole else hashlib.sha256(data).hexdigest(),
-        "class": site.name.partition("_")[0] if site.name in odd.ODD else site.name.rpartition("_")[0],
+        "class": site.name.partition("_")[0] if site.name in odd.odd_logs() else site.name.rpartition("_")[0],
         "expect": "improved",
         "title": site.title,
         "special": site.special,
@@ -126,7 +115,7 @@ def _entry(built: Built, data: bytes) -> Entry:
 
 
 def _vehicle_of(site: Site) -> str:
-    if site.name in FULL and site.name not in PUBLIC:
+    if site.name in full_names() and site.name not in sites(PUBLIC):
         return families.vehicle_name(site.vehicle)
     return "default" if site.vehicle == Vehicle() else "own"
 
@@ -145,7 +134,7 @@ def read_list(folder: Path) -> dict[str, Entry]:
 def write_list(folder: Path, entries: Mapping[str, Entry]) -> None:
     """Write the list, in the order in which logs are named here."""
     blocks = [_HEAD]
-    for name in (*SITES, *FULL):
+    for name in (*sample_names(), *full_names()):
         if name in entries:
             rows = [f"{key} = {json.dumps(value)}" for key, value in entries[name].items()]
             blocks.append("\n".join([f"[logs.{name}]", *rows]) + "\n")

@@ -23,24 +23,20 @@ from optim.planning.protocol import Area, place_flat
 from optim.planning.rrt import Rrt
 from optim.steering.flat import Flat
 from tools.corpus.build import Built, build, build_with
-from tools.corpus.lots import CITY, LONG
-from tools.corpus.site import Box, Grid, Obstacle, Shapes, Site, Wall, footprints, ground
-from tools.corpus.yards import backed_up, parked_trailer
-
-SOURCE = dataclasses.replace(LONG, wheelbase=3.6)
-"""Wheelbase and hitch_to_axle as in the source of the methods."""
-TRACTOR = Vehicle(
-    wheelbase=2.9,
-    truck_front=3.9,
-    truck_rear=0.8,
-    truck_width=2.5,
-    hitch_to_axle=7.6,
-    trailer_front=1.2,
-    trailer_rear=10.2,
-    max_steer=0.6,
+from tools.corpus.read import vehicles
+from tools.corpus.site import (
+    Box,
+    Grid,
+    Obstacle,
+    Shapes,
+    Site,
+    Wall,
+    backed_up,
+    footprints,
+    ground,
+    parked_trailer,
 )
-"""A yard tractor with a short trailer."""
-VEHICLES: Final = {"default": Vehicle(), "source": SOURCE, "tractor": TRACTOR, "city": CITY}
+
 _TURNS: Final = ("default", "default", "source", "tractor", "default", "city", "source", "default")
 _FREE = 0.6  # [m]: clearance of start and goal
 _LITTLE = 0.1  # [m]: clearance to keep where there is no room for more
@@ -50,7 +46,7 @@ _RRT = Rrt(max_iterations=1000)
 
 def vehicle_name(vehicle: Vehicle) -> str:
     """The name of a vehicle of the drawn sites."""
-    return next(name for name, known in VEHICLES.items() if known == vehicle)
+    return next(name for name, known in vehicles().items() if known == vehicle)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -237,7 +233,7 @@ def _first_built(kind: str, number: int, build_site: Callable[[Site], Built]) ->
 
 def draw_site(kind: str, number: int, variant: int) -> Site | None:
     """A site of a class; None where start or goal are not free."""
-    vehicle = VEHICLES[_TURNS[number % len(_TURNS)]]
+    vehicle = vehicles()[_TURNS[number % len(_TURNS)]]
     reach = vehicle.truck_front + vehicle.trailer_rear
     rng = np.random.default_rng([zlib.crc32(kind.encode()), number, variant])
     scale = round(max(reach / 17.0, 0.8), 2)

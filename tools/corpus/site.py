@@ -159,3 +159,25 @@ def ground(site: Site) -> Array:
     """Corners of the site's ground in the map frame, counter-clockwise. Shape (4, 2)."""
     x0, y0, x1, y1 = site.bounds
     return place(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]), site.pose)
+
+
+TRAILER_LENGTH, TRAILER_WIDTH = 13.6, 2.55  # of parked trailers [m]
+
+
+def parked_trailer(x: float, y: float, yaw: float = 0.0) -> Box:
+    """A parked semi-trailer with the middle of its rear at (x, y)."""
+    half = TRAILER_LENGTH / 2
+    x, y = x + half * math.cos(yaw), y + half * math.sin(yaw)
+    return Box(x=x, y=y, length=TRAILER_LENGTH, width=TRAILER_WIDTH, yaw=yaw, kind="trailer")
+
+
+def parked_combination(x: float, y: float, yaw: float = 0.0) -> tuple[Box, Box]:
+    """A parked trailer with its truck, the middle of the trailer's rear at (x, y)."""
+    truck = Box(x=x + 14.0 * math.cos(yaw), y=y + 14.0 * math.sin(yaw), length=6.0, width=2.5, yaw=yaw, kind="truck")
+    return parked_trailer(x, y, yaw), truck
+
+
+def backed_up(x: float, y: float, yaw: float, vehicle: Vehicle) -> Flat:
+    """The state of a straight combination whose trailer has the middle of its rear at (x, y)."""
+    overhang = vehicle.trailer_rear - vehicle.hitch_to_axle
+    return Flat(x + overhang * math.cos(yaw), y + overhang * math.sin(yaw), yaw, 0.0)
