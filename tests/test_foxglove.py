@@ -94,7 +94,7 @@ def test_grids_that_contradict_themselves_are_refused(change: Callable[[Any], An
 
 
 def test_grids_of_numbers_that_are_no_probabilities_are_refused() -> None:
-    assert "no probabilities" in refused(fox.grid(np.array([[0.0, 1.5]]), kind=7))
+    assert "not probabilities" in refused(fox.grid(np.array([[0.0, 1.5]]), kind=7))
 
 
 def test_single_poses_of_foxglove_make_a_path(read: Read) -> None:
